@@ -9,6 +9,7 @@
 #define REFLECTANCE_LEAST 0.02f /* light is divided by it */
 #define AGREED 0.03f            /* difference of the halves, in means, below which a point is as bright as it seems */
 #define NOWHERE UINT32_MAX
+#define DARK_FROM 4.0f /* squared differences, in variances, from which a point stays darker than its neighbours */
 
 /* Points that are not the largest of their pixel lie anywhere behind frosted glass, without similar ones: clamped to
  * the brightest pixel, such glass lost a quarter of its light. */
@@ -242,19 +243,78 @@ static float without_speck(const struct filter *f, uint32_t pixel, int c, float 
     return limit >= 0.0f && mean > limit ? limit : mean;
 }
 
-/* pixel: of the points; NULL: they are those of the image. */
-static void take_light(const struct filter *f, const struct points *from, const uint32_t *point, const uint32_t *pixel,
-                       float *out)
+/* The weight of filtered light against both halves' mean: below 1 in a shadow that is thinner than the filter, where
+ * both halves are darker than the filtered light by more than their noise. What is brighter may be a lone bright path
+ * instead, and what is black light that is rarely found. variance: of a half, around the point. */
+static float filtered_share(const float half[2][3], const float light[3], float variance)
+{
+    float sum[2] = { 0.0f }, all = 0.0f, off = 0.0f;
+
+    for (int c = 0; c < 3; c++) {
+        const float d = 0.5f * (half[0][c] + half[1][c]) - light[c];
+        sum[0] += half[0][c];
+        sum[1] += half[1][c];
+        all += light[c];
+        off += d * d;
+    }
+    if (!(fmaxf(sum[0], sum[1]) < all && fminf(sum[0], sum[1]) > 0.0f))
+        return 1.0f;
+    const float noise = DARK_FROM * 0.5f * variance;
+    return off > noise ? noise / off : 1.0f;
+}
+
+/* Writes point i's light from the filtered halves. pixel: the one that shows it. */
+static void take_point(const struct filter *f, const struct points *from, size_t i, uint32_t pixel, float times,
+                       float light[3], float apart[3])
+{
+    for (int c = 0; c < 3; c++) {
+        const float a = from->light[(size_t)c * from->count + i], b = from->light[(size_t)(3 + c) * from->count + i];
+        light[c] = without_speck(f, pixel, c, times, a, b);
+        apart[c] = 0.5f * (a - b);
+    }
+}
+
+static void put_point(const struct filter *f, uint32_t point, const float light[3], const float apart[3],
+                      const struct filter_result *to)
+{
+    for (int c = 0; c < 3; c++) {
+        const float r = reflectance(&f->g->packets[point / PACKET], c, point % PACKET);
+        to->light[at(point, c)] = r * light[c];
+        if (to->apart)
+            to->apart[at(point, c)] = r * apart[c];
+    }
+}
+
+static void take_image(const struct filter *f, const float *const half[2], const struct filter_result *to)
 {
 #pragma omp parallel for schedule(static)
-    for (size_t i = 0; i < from->count; i++)
-        for (int c = 0; c < 3 && point[i] != NOWHERE; c++) {
-            const uint32_t home = pixel ? pixel[i] : (uint32_t)(i / f->pitch * f->g->width + i % f->pitch);
-            out[at(point[i], c)] = reflectance(&f->g->packets[point[i] / PACKET], c, point[i] % PACKET) *
-                                   without_speck(f, home, c, pixel ? REST_CLAMP : 1.0f,
-                                                 from->light[(size_t)c * from->count + i],
-                                                 from->light[(size_t)(3 + c) * from->count + i]);
+    for (size_t i = 0; i < f->image.count; i++) {
+        const uint32_t point = f->image_point[i], pixel = (uint32_t)(i / f->pitch * f->g->width + i % f->pitch);
+        float light[3], apart[3], own[2][3];
+        if (point == NOWHERE)
+            continue;
+        take_point(f, &f->image, i, pixel, 1.0f, light, apart);
+        for (int k = 0; k < 6; k++)
+            own[k / 3][k % 3] =
+                half[k / 3][at(point, k % 3)] / reflectance(&f->g->packets[point / PACKET], k % 3, point % PACKET);
+        const float w = filtered_share(own, light, f->first[i]);
+        for (int c = 0; c < 3 && w < 1.0f; c++) {
+            const float mean = 0.5f * (own[0][c] + own[1][c]), off = 0.5f * (own[0][c] - own[1][c]);
+            light[c] = mean + w * (light[c] - mean);
+            apart[c] = off + w * (apart[c] - off);
         }
+        put_point(f, point, light, apart, to);
+    }
+}
+
+static void take_rest(const struct filter *f, const struct filter_result *to)
+{
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < f->rest.count; i++) {
+        float light[3], apart[3];
+        take_point(f, &f->rest, i, f->rest_pixel[i], REST_CLAMP, light, apart);
+        put_point(f, f->rest_point[i], light, apart, to);
+    }
 }
 
 static struct filter_picture picture_of(const struct filter *f)
@@ -321,7 +381,7 @@ static void turn(struct points *p)
     p->next = old;
 }
 
-void filter_run(struct filter *f, const float *const half[2], float *out)
+void filter_run(struct filter *f, const float *const half[2], const struct filter_result *to)
 {
     const size_t count = f->image.count;
 
@@ -336,8 +396,8 @@ void filter_run(struct filter *f, const float *const half[2], float *out)
     }
     run_rest(f);
     turn(&f->rest);
-    take_light(f, &f->image, f->image_point, NULL, out);
-    take_light(f, &f->rest, f->rest_point, f->rest_pixel, out);
+    take_image(f, half, to);
+    take_rest(f, to);
 }
 
 extern const struct filter_kernel filter_kernel_baseline, filter_kernel_v3, filter_kernel_v4;

@@ -15,7 +15,8 @@
  * sharp.
  *
  * Finally, a point that is brighter than all 24 pixels around it is clamped to the brightest of them, unless its halves
- * agree within 3 %.
+ * agree within 3 %. A point in a shadow thinner than the filter, whose halves are both darker than the filtered light y
+ * but not black, becomes m + w (y - m): m is the halves' mean, w = min(1, 4 (v / 2) / (m - y)^2) with the averaged v.
  *
  * The filter is biased where light changes within the noise: docs/internals/where-methods-fail.md. */
 #ifndef FILTER_FILTER_H
@@ -26,14 +27,18 @@
 
 struct filter;
 
+struct filter_result { /* float[packet_count][3][16], as direct_shade writes them; not the halves */
+    float *light;      /* the filtered mean */
+    float *apart; /* half the difference of both filtered halves: its noise, as far as it is seen; NULL: not wanted */
+};
+
 /* g and v, its camera's view, must outlive the filter. level: the CPU level (base/cpu.h); NULL: the best. Needs 96
  * bytes per pixel, and the same for each additional shade point. NULL when out of memory. */
 struct filter *filter_create(const struct gbuffer *g, const struct view *v, const char *level);
 void filter_destroy(struct filter *f); /* NULL is allowed */
 
-/* Writes the filtered mean of two independent estimates with the same expectation. half, out:
- * float[packet_count][3][16] as direct_shade writes them; out may be half[0] or half[1]. Runs on all OpenMP threads;
- * the bits do not depend on their number. Thread: one at a time. */
-void filter_run(struct filter *f, const float *const half[2], float *out);
+/* Filters two independent estimates with the same expectation, each in the layout of the result. Runs on all OpenMP
+ * threads; the bits do not depend on their number. Thread: one at a time. */
+void filter_run(struct filter *f, const float *const half[2], const struct filter_result *to);
 
 #endif

@@ -1,6 +1,7 @@
 #include "history/history.h"
 
 #include "base/mem.h"
+#include "history/stated.h"
 
 #include <math.h>
 #include <string.h>
@@ -26,6 +27,9 @@ struct history {
     float *cache;       /* C of the last picture */
     float *shown;       /* P, changed with C */
     float *target;      /* what it moves to: the filter's output, likewise */
+    const float
+        *filtered[2]; /* the halves that the last picture's light was filtered from: `half`, or the denoiser's */
+    float *apart;     /* half the difference of the filtered halves, without a cache */
     struct stated *stated;
     float *final; /* [packets], as what follows */
     float *count; /* n; 0: nothing is known, and B is C */
@@ -56,6 +60,7 @@ struct history *history_create(const struct gbuffer *g, struct denoiser *denoise
     h->cache = mem_alloc(packets, FLOATS * sizeof(float));
     h->shown = mem_alloc(packets, FLOATS * sizeof(float));
     h->target = mem_alloc(packets, FLOATS * sizeof(float));
+    h->apart = mem_alloc(packets, FLOATS * sizeof(float));
     h->stated = stated_create(g);
     h->final = mem_alloc(packets, sizeof(*h->final));
     h->count = mem_alloc(packets, sizeof(*h->count));
@@ -63,8 +68,8 @@ struct history *history_create(const struct gbuffer *g, struct denoiser *denoise
     h->groups = mem_alloc(group_count(h), sizeof(*h->groups));
     h->due_index = mem_alloc(packets, sizeof(*h->due_index));
     h->beyond_index = mem_alloc(packets, sizeof(*h->beyond_index));
-    if (!h->half[0] || !h->half[1] || !h->cache || !h->shown || !h->target || !h->stated || !h->final || !h->count ||
-        !h->changed || !h->groups || !h->due_index || !h->beyond_index) {
+    if (!h->half[0] || !h->half[1] || !h->cache || !h->shown || !h->target || !h->apart || !h->stated || !h->final ||
+        !h->count || !h->changed || !h->groups || !h->due_index || !h->beyond_index) {
         history_destroy(h);
         return NULL;
     }
@@ -80,6 +85,7 @@ void history_destroy(struct history *h)
     mem_free(h->cache);
     mem_free(h->shown);
     mem_free(h->target);
+    mem_free(h->apart);
     stated_destroy(h->stated);
     mem_free(h->final);
     mem_free(h->count);
@@ -103,11 +109,6 @@ bool *history_changed(struct history *h)
 const struct packet_list *history_due(const struct history *h)
 {
     return &h->due;
-}
-
-struct stated *history_stated(struct history *h)
-{
-    return h->stated;
 }
 
 uint64_t history_turn(const struct history *h)
@@ -261,9 +262,8 @@ static double mean_weight(const struct history *h)
     return sum / h->packets;
 }
 
-/* The error of the displayed light, which is independent of the new samples: w weights the old light and the new
- * samples, so the new light keeps w of the old error. With a cache, samples are too few. */
-static void state_error(struct history *h, const float *const more[2])
+/* Compares the samples with the light that was displayed before. With a cache, they are too few. */
+static void measure_error(struct history *h, const float *const more[2])
 {
     const float *const half[2] = { denoiser_half(h->denoiser, 0), denoiser_half(h->denoiser, 1) };
     const float *const none[2] = { NULL, NULL };
@@ -271,7 +271,7 @@ static void state_error(struct history *h, const float *const more[2])
     if (h->followed || mean_weight(h) == 0.0)
         stated_forget(h->stated);
     else
-        stated_take(h->stated, half, more ? more : none, h->shown, mean_weight(h));
+        stated_take(h->stated, half, more ? more : none, h->shown);
 }
 
 void history_add(struct history *h, const float *const more[2], const float *scale)
@@ -293,7 +293,7 @@ void history_add(struct history *h, const float *const more[2], const float *sca
 #pragma omp parallel for schedule(dynamic, 4)
     for (uint32_t g = 0; g < groups; g++)
         add_group(h, g, due + first[g], first[g + 1] - first[g]);
-    state_error(h, more);
+    measure_error(h, more);
     mem_free(first);
 }
 
@@ -310,13 +310,12 @@ static void add_more(struct history *h, const float *const more[2])
 
 void history_show(struct history *h, const float *const more[2], float *lo)
 {
-    const float *own[2] = { more ? denoiser_half(h->denoiser, 0) : h->half[0],
-                            more ? denoiser_half(h->denoiser, 1) : h->half[1] };
-
+    for (int k = 0; k < 2; k++)
+        h->filtered[k] = more ? denoiser_half(h->denoiser, k) : h->half[k];
     if (more)
         add_more(h, more);
     if (!h->followed || (h->turn + 1) % HISTORY_TURNS == 0)
-        denoiser_filter(h->denoiser, own, h->target);
+        denoiser_filter(h->denoiser, h->filtered, h->target, h->followed ? NULL : h->apart);
     const float step = h->followed && !h->moved ? 1.0f / (float)(HISTORY_TURNS - (h->turn + 1) % HISTORY_TURNS) : 1.0f;
 #pragma omp parallel for schedule(static)
     for (uint32_t i = 0; i < h->packets; i++) {
@@ -328,4 +327,12 @@ void history_show(struct history *h, const float *const more[2], float *lo)
         }
     }
     h->turn++;
+}
+
+double history_error(struct history *h, const float *rgb)
+{
+    if (h->followed)
+        return 0.0;
+    stated_see(h->stated, rgb, &(struct stated_light){ h->shown, { h->filtered[0], h->filtered[1] }, h->apart });
+    return stated_error(h->stated);
 }

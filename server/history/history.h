@@ -23,13 +23,12 @@
 #define HISTORY_HISTORY_H
 
 #include "history/denoise.h"
-#include "history/stated.h"
 
 #define HISTORY_TURNS 8 /* once a cache exists, a picture samples one packet in so many */
 
 struct history;
 
-/* Needs 62 bytes per shade point and 12 per pixel. g and denoiser, whose halves take the samples, must outlive it.
+/* Needs 74 bytes per shade point and 12 per pixel. g and denoiser, whose halves take the samples, must outlive it.
  * NULL when out of memory. */
 struct history *history_create(const struct gbuffer *g, struct denoiser *denoiser);
 void history_destroy(struct history *h); /* NULL is allowed */
@@ -59,8 +58,9 @@ const struct packet_list *history_beyond(const struct history *h);
  */
 void history_add(struct history *h, const float *const more[2], const float *scale);
 
-/* The error of the displayed light (stated.h); unknown in the first picture, and with a cache. Borrowed. */
-struct stated *history_stated(struct history *h);
+/* After history_show: the estimated error of the displayed light in the picture rgb, float[height][width][3], which may
+ * contain other light, too (stated.h). 0: unknown, in the first picture and with a cache. */
+double history_error(struct history *h, const float *rgb);
 
 /* Writes the picture's light to lo, float[packet_count][3][16]. more: two halves of further light of this picture, in
  * the same layout, which are filtered together with it if no cache exists; NULL: none. Ends the picture. */

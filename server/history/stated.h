@@ -4,39 +4,56 @@
  *
  *     E[(S_a - P) (S_b - P)] = (T - P)^2
  *
- * The product is taken over pixels, relative to x^2 + 1e-2 m^2: x is the previous picture, m its mean. A pixel that is
- * too dark by chance would count too much, so x is at least a quarter of the mean over 3 x 3 pixels. Pixels that are
- * too bright count too little, which a measured factor (STATED_PER) makes up for. As few samples measure with much
- * noise, the last few measurements M count:
+ * The product M is taken over pixels, relative to x^2 + 1e-2 m^2: x is about T, m the mean of the picture with P. Where
+ * the filter took a thin shadow for noise, P is several times T, and the error relative to P is a small part of that
+ * relative to T. So x is the picture, but at a pixel whose halves before the filter are both darker than P by more than
+ * two standard errors,
  *
- *     E <- w^(1/2) (E + (STATED_PER M - E) / min(k, 4)),    k = 1, 2, ...
+ *     x = h + w (P - h),     w = 4 noise / (P - h)^2
  *
- * w is the share of the old light in the new: the variance has w of the old one, the bias stays. The estimate excludes
- * light that the samples cannot find, such as light beyond a limit (beside.h). One thread of control. */
+ * h is the halves' mean, and the noise that of 3 x 3 pixels. A pixel that is too dark by chance would count too much,
+ * so x is at least a quarter of the mean over 3 x 3 pixels. A measured factor (STATED_PER) makes up for the rest.
+ *
+ * M tells of the picture before, with much noise. The noise V of any picture, from its two filtered halves, has little.
+ * Error and noise fall together, so a picture's error is its V times the ratio that the measurements so far fit best,
+ * by least squares, beside the ratio expected of any scene, R +- d:
+ *
+ *     E = V max(1, (t R + sum(q M V)) / (t + sum(q V^2))),    t = var(M) / d^2,    q = KEPT^age
+ *
+ * The estimate excludes light that the samples cannot find, such as light beyond a limit (light/beside.h). One thread
+ * of control. */
 #ifndef HISTORY_STATED_H
 #define HISTORY_STATED_H
 
 #include "scene/gbuffer.h"
 
-#define STATED_PER 1.35 /* true over measured: 1.0 to 2.3 (docs/internals/decisions.md) */
+/* docs/internals/decisions.md has the figures. */
+#define STATED_PER 1.3       /* true over measured M */
+#define STATED_RATIO 6.0     /* R: error over noise, and */
+#define STATED_RATIO_OFF 5.0 /* d: its standard deviation between scenes and skies */
 
 struct stated;
 
-/* Needs 12 bytes per pixel; g must outlive it. NULL when out of memory. */
+/* Needs 28 bytes per pixel; g must outlive it. NULL when out of memory. */
 struct stated *stated_create(const struct gbuffer *g);
 void stated_destroy(struct stated *s); /* NULL is allowed */
 
 /* Call it when other light is shown: the error becomes unknown. */
 void stated_forget(struct stated *s);
 
-/* Takes the displayed picture x: float[height][width][3]. The error is unknown before the first call. */
-void stated_see(struct stated *s, const float *rgb);
+struct stated_light {             /* all float[packet_count][3][16] */
+    const float *shown, *half[2]; /* P and what was filtered for it */
+    const float *apart;           /* half the difference of the filtered halves */
+};
 
-/* half: a and b, and more: further light of both halves, or NULLs; shown: P; all float[packet_count][3][16]. by: w. */
-void stated_take(struct stated *s, const float *const half[2], const float *const more[2], const float *shown,
-                 double by);
+/* Takes the displayed picture: float[height][width][3], P and other light. */
+void stated_see(struct stated *s, const float *rgb, const struct stated_light *light);
 
-/* relMSE; 0: unknown. */
+/* Takes new samples. half: a and b, and more: further light of both halves, or NULLs; shown: P of the last picture
+ * seen; all float[packet_count][3][16]. Without such a picture it does nothing. */
+void stated_take(struct stated *s, const float *const half[2], const float *const more[2], const float *shown);
+
+/* relMSE of the last picture seen; 0: unknown. */
 double stated_error(const struct stated *s);
 
 #endif

@@ -3,7 +3,7 @@
 #include "light/backplate.h"
 #include "base/cancel.h"
 #include "base/mem.h"
-#include "history/history.h"
+#include "light/facts.h"
 #include "light/relight_plan.h"
 #include "base/rng.h"
 
@@ -16,7 +16,8 @@
  * minutes. */
 #define BRIGHTEST 4.0
 
-#define MOST_PATHS 2 /* of a point, where eye paths find caustics */
+#define OMITS_FROM 5.0 /* peakedness: as the plan chooses caustics by the light tracer */
+#define MOST_PATHS 2   /* of a point, where eye paths find caustics */
 
 struct beside {
     const struct set *set;
@@ -30,6 +31,7 @@ struct beside {
     float *image, *rest; /* [images][height][width][3]; rest: splats without a shade point, summed over pictures */
     uint32_t pictures;   /* in rest: since the sky or the estimator changed */
     uint64_t key, sky;   /* of the last picture; sky: a digest */
+    bool omits;          /* beside_omits */
     const struct relight_desc *grows; /* the picture's, if stored paths are to grow; else NULL */
 };
 
@@ -125,6 +127,7 @@ void beside_describe(struct beside *b, const struct environment *e, const struct
     own->behind_classes &= ~(uint32_t)PATH_INDIRECT_LIT;
     own->most = 3.0 * BRIGHTEST * e->total_energy / PI;
     own->paths = own->classes ? MOST_PATHS : own->behind_classes ? eye->paths : 0;
+    b->omits = own->paths > 0 && facts_peakedness(e) > OMITS_FROM;
     eye->classes &= PATH_INDIRECT_LIT;
     eye->behind_classes &= PATH_INDIRECT_LIT;
     if (!(eye->classes | eye->behind_classes))
@@ -257,9 +260,14 @@ enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics 
     return ERR_OK;
 }
 
-struct stated *beside_stated(struct beside *b)
+struct history *beside_history(struct beside *b)
 {
-    return history_stated(b->history);
+    return b->history;
+}
+
+bool beside_omits(const struct beside *b)
+{
+    return b->omits;
 }
 
 enum err beside_finish(const struct beside *b, struct backplate *ground, const struct environment *e, float *rgb)

@@ -17,7 +17,7 @@
 #include "history/denoise.h"
 #include "light/relight_caustics.h"
 #include "light/relight_passes.h"
-#include "history/stated.h"
+#include "history/history.h"
 
 struct beside;
 
@@ -40,8 +40,11 @@ MUST_CHECK enum err beside_run(struct beside *b, struct passes *s, struct religh
                                const struct environment *e, const struct picture_passes *passes,
                                struct relight_stats *stats);
 
-/* The error of this light while a history exists. Borrowed. */
-struct stated *beside_stated(struct beside *b);
+/* The history of this light. Borrowed. */
+struct history *beside_history(struct beside *b);
+
+/* Whether the limit omits light in the last picture that no measurement finds: that of a sky with a sun. */
+bool beside_omits(const struct beside *b);
 
 /* Adds to rgb, float[height][width][3], the splats on pixels without a directly visible shade point. ground: the
  * scene's, or NULL. ERR_NOMEM. */

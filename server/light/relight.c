@@ -327,7 +327,7 @@ static void filter_halves(struct relighter *r, const struct picture_passes *p)
         history_add(p->history, NULL, NULL);
         history_show(p->history, NULL, r->passes.lo);
     } else {
-        denoiser_filter(r->denoiser, half, r->passes.lo);
+        denoiser_filter(r->denoiser, half, r->passes.lo, NULL);
     }
 }
 
@@ -371,18 +371,14 @@ static enum err run_points(struct relighter *r, const struct environment *e, con
     return result;
 }
 
-/* Updates the live pictures' error estimate (stated.h) and the picture that the next estimate is relative to. */
+/* Estimates the error of a live picture (stated.h). */
 static void state_error(const struct picture_passes *p, const float *rgb, struct relight_stats *stats)
 {
-    struct stated *own = p->history ? history_stated(p->history) : NULL;
-    struct stated *beside = own && p->beside ? beside_stated(p->beside) : NULL;
+    const double own = p->history ? history_error(p->history, rgb) : 0.0;
+    const double beside = p->history && p->beside ? history_error(beside_history(p->beside), rgb) : 0.0;
 
-    if (own)
-        stated_see(own, rgb);
-    if (beside)
-        stated_see(beside, rgb);
-    if (own && stated_error(own) > 0.0)
-        stats->error = stated_error(own) + (beside ? stated_error(beside) : 0.0);
+    if (own > 0.0 && !(p->beside && beside_omits(p->beside)))
+        stats->error = own + beside;
 }
 
 enum err relighter_run_passes(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
