@@ -187,7 +187,7 @@ export class Connection {
       const url = new URL('/healthz', this.url.replace(/^ws/, 'http'));
       const health = await (await this.world.fetch(url, { cache: 'no-store' })).json();
       if (health.protocol && health.protocol !== PROTOCOL) {
-        this.set({ name: 'refused', detail: `The server speaks ${health.protocol}, this page ${PROTOCOL}. Reloading the page may help.` });
+        this.set({ name: 'refused', detail: `The server speaks ${health.protocol}, this viewer ${PROTOCOL}. Reloading the page may help.` });
         return;
       }
       detail = 'The server is running but did not accept the connection.';
@@ -247,7 +247,7 @@ export class Connection {
   takeWelcome(message) {
     this.cancel('open');
     if (message.version?.major !== VERSION.major) {
-      this.refuse(`The server speaks version ${message.version?.major} of the protocol, this page ${VERSION.major}. Reloading the page may help.`);
+      this.refuse(`The server speaks version ${message.version?.major} of the protocol, this viewer ${VERSION.major}. Reloading the page may help.`);
       return;
     }
     this.welcomed = true;
@@ -322,7 +322,7 @@ export class Connection {
   // An image that cannot be read is skipped: many in a row mean that none can.
   skipPicture({ text, clause, sequence }) {
     if (++this.unreadable > UNREADABLE_MOST) {
-      this.refuse(`The server sent images that this page cannot read: ${text} (clause ${clause}).`);
+      this.refuse(`The server sent images that this viewer cannot read: ${text} (clause ${clause}).`);
       return;
     }
     this.on.error?.({ code: 'bad_picture', clause, message: `an image was skipped: ${text}`, fatal: false });

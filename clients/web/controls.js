@@ -172,7 +172,7 @@ class Controls {
     const samples = withPresent(this.within('samples', SAMPLES), kind === 'samples' ? Number(number) : undefined);
     const counted = samples.map((n) => [`samples ${n}`, `${n} ${n === 1 ? 'sample' : 'samples'} per point`]);
     if (method !== 'auto') return counted;
-    return [['time', 'best in the time available'], ...noises.map((n) => [`noise ${n}`, `noise ${noiseText(n)}`]), ...counted];
+    return [['time', 'as time allows'], ...noises.map((n) => [`noise ${n}`, `noise ${noiseText(n)}`]), ...counted];
   }
 
   // ---- showing

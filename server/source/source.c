@@ -19,6 +19,7 @@
 #include <string.h>
 
 #define WATCH_WAIT_MS 200
+#define FIRST_WAITS 150 /* of these: 30 s for the first picture of a live stream */
 
 struct source {
     struct source_desc desc;
@@ -535,6 +536,9 @@ enum err source_first(const struct source_desc *desc, struct frame *f, struct re
     enum err e = source_open(desc, &s, why);
 
     if (!e)
+        e = source_next(s, f, why);
+    /* a live stream connects meanwhile, unless it has given up */
+    for (int i = 0; i < FIRST_WAITS && !e && f->kind == FRAME_NONE && s->kind == SOURCE_LIVE && !source_gave_up(s); i++)
         e = source_next(s, f, why);
     source_close(s);
     if (e == ERR_END || (!e && f->kind == FRAME_NONE))

@@ -68,8 +68,8 @@ void source_close(struct source *s); /* NULL is allowed */
  * stop. */
 MUST_CHECK enum err source_next(struct source *s, struct frame *f, struct reason *why);
 
-/* Opens a source, reads its first frame and closes it. Errors of source_open and source_next; ERR_IO also if there is
- * no frame. */
+/* Opens a source, reads its first frame and closes it; blocks for up to 30 s for that of a live stream. Errors of
+ * source_open and source_next; ERR_IO also if there is no frame. */
 MUST_CHECK enum err source_first(const struct source_desc *desc, struct frame *f, struct reason *why);
 
 /* Number of frames in one pass; 0 if unknown or infinite. Of a video, what its container says, until a pass is over. */
