@@ -53,7 +53,7 @@ uint64_t ranks_take(struct ranks *r);
 /* From now on ranks_take returns no numbers on any rank. */
 void ranks_stop(struct ranks *r);
 
-/* From now on ranks_broadcast, ranks_receive and ranks_send wait for at most a second once *stop is true: a rank that
+/* From now on ranks_broadcast, ranks_receive, ranks_send and ranks_sent wait for at most a second once *stop is true: a rank that
  * has died would never answer. The job then ends without the synchronisation in ranks_destroy. Borrowed. */
 void ranks_set_stop(struct ranks *r, const atomic_bool *stop);
 
@@ -66,12 +66,18 @@ MUST_CHECK enum err ranks_broadcast_from(struct ranks *r, uint32_t from, void *b
 /* Collective. Each rank's number, in all[ranks_count]. */
 void ranks_share_number(struct ranks *r, double own, double *all);
 
-/* ranks_expect, on rank 0, starts to receive bytes from another rank into memory that must stay valid until
- * ranks_receive, which waits for all expected bytes; other ranks send theirs. ERR_IO: stopped while waiting.
- * ERR_RANGE: more than 2 GB. */
-MUST_CHECK enum err ranks_expect(struct ranks *r, uint32_t from, void *bytes, size_t size);
-MUST_CHECK enum err ranks_receive(struct ranks *r);
+/* Two pictures can be on their way at once: turn 0 and turn 1. Rank 0 begins the broadcast of a turn's bytes, expects
+ * answers from other ranks, and ranks_receive waits for all of them; the memory must stay valid until then. The others
+ * call ranks_broadcast for the same bytes. ERR_IO: stopped while waiting. ERR_RANGE: an answer above 2 GB, or
+ * broadcasts above 512 MB. */
+MUST_CHECK enum err ranks_begin_broadcast(struct ranks *r, int turn, void *bytes, size_t size);
+MUST_CHECK enum err ranks_expect(struct ranks *r, int turn, uint32_t from, void *bytes, size_t size);
+MUST_CHECK enum err ranks_receive(struct ranks *r, int turn);
+
+/* Other ranks begin to send an answer, once the one before is sent. Its bytes must stay valid until the end of the next
+ * ranks_send or ranks_sent, which waits for the last. Errors as above. */
 MUST_CHECK enum err ranks_send(struct ranks *r, const void *bytes, size_t size);
+MUST_CHECK enum err ranks_sent(struct ranks *r);
 
 /* Ranks other than 0 post bytes to rank 0, at most 2 GB each. The bytes are copied; the call waits for the previous
  * post, not for this one. An empty post is a rank's last one. ERR_NOMEM; ERR_RANGE: too many. */

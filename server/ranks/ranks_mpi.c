@@ -20,7 +20,7 @@
 #define POLL_NS 1000000             /* MPI's own waits spin, on processors that other ranks may need */
 #define SOON_NS 100000              /* likewise, for the first */
 #define SOON 100                    /* polls: an answer within a frame comes as soon as it can */
-#define KEEP_NS 200000              /* until the counter's keeper looks again */
+#define KEEP_NS 500000              /* until the keeper looks again */
 #define GONE_S 0.3                  /* after the signal to stop, a rank that does not answer is taken to be gone */
 #define STOPPED (UINT64_C(1) << 62) /* added to the counter: more than there are frames */
 #define TAG_SIZE 1
@@ -29,17 +29,23 @@
 #define TAG_PART 4
 #define TAG_POST 5
 #define PIECE (64 << 20) /* bytes of a message; MPI counts by int */
+#define PIECES 8         /* at most, of a turn's broadcasts */
 
 struct ranks {
     int own, count, local; /* local: ranks on this host */
     char name[160];
-    atomic_uint_least64_t counter; /* rank 0's, */
-    pthread_t keeper;              /* which gives the other ranks its numbers */
+    atomic_uint_least64_t counter; /* rank 0's */
+    pthread_t keeper;
     bool has_keeper;
     atomic_bool leaving;
     const atomic_bool *stop;
     bool lost;             /* stopped while it waited for a rank */
-    MPI_Request *expected; /* [count]: rank 0's */
+    struct turn {              /* rank 0's */
+        MPI_Request *expected; /* [count] */
+        MPI_Request begun[PIECES];
+        int pieces;
+    } turn[2];
+    MPI_Request sent; /* another rank's last answer */
     MPI_Request posted;    /* of another rank: its last post, */
     uint8_t *post;         /* and its bytes */
     int ended;             /* rank 0: ranks whose last post has come */
@@ -75,9 +81,10 @@ static enum err wait_or_stop(struct ranks *r, MPI_Request *q)
     return r->lost ? ERR_IO : ERR_OK;
 }
 
-/* A thread on rank 0, since its main thread may not enter MPI during a frame. Not MPI's own one-sided access: Debian's
- * Open MPI has none between hosts that TCP joins. Both messages are so short that no call waits. */
-static void *keep_counter(void *context)
+/* A thread, because messages make progress only inside MPI, which the main thread may not enter during a frame. On rank
+ * 0 it also gives the other ranks their numbers; MPI's own one-sided access would do that, but Debian's Open MPI has
+ * none between hosts that TCP joins. Both messages are so short that no call waits. */
+static void *keep_moving(void *context)
 {
     struct ranks *r = context;
 
@@ -179,12 +186,19 @@ static void find_place(struct ranks *r)
     snprintf(r->name, sizeof(r->name), "rank %d of %d on %s", r->own, r->count, host);
 }
 
-static enum err open_counter(struct ranks *r, struct reason *why)
+static enum err start_keeper(struct ranks *r, struct reason *why)
 {
-    if (r->own > 0 || r->count == 1)
+    if (r->count == 1)
         return ERR_OK;
-    r->has_keeper = pthread_create(&r->keeper, NULL, keep_counter, r) == 0;
+    r->has_keeper = pthread_create(&r->keeper, NULL, keep_moving, r) == 0;
     return r->has_keeper ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory");
+}
+
+static void release(struct ranks *r)
+{
+    mem_free(r->turn[0].expected);
+    mem_free(r->turn[1].expected);
+    mem_free(r);
 }
 
 enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct reason *why)
@@ -200,11 +214,15 @@ enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct 
         ranks_abort(NULL, "out of memory");
     find_place(r);
     r->posted = MPI_REQUEST_NULL;
-    r->expected = mem_alloc((size_t)r->count, sizeof(*r->expected));
-    if (!r->expected)
-        ranks_abort(r, "out of memory");
-    for (int k = 0; k < r->count; k++)
-        r->expected[k] = MPI_REQUEST_NULL;
+    r->sent = MPI_REQUEST_NULL;
+    for (int turn = 0; turn < 2; turn++) {
+        MPI_Request *all = mem_alloc((size_t)r->count, sizeof(*all));
+        if (!all)
+            ranks_abort(r, "out of memory");
+        for (int k = 0; k < r->count; k++)
+            all[k] = MPI_REQUEST_NULL;
+        r->turn[turn].expected = all;
+    }
     enum err e = level >= MPI_THREAD_MULTIPLE ? ERR_OK
                                               : err_say(why, ERR_UNSUPPORTED,
                                                         "this MPI does not allow calls from several threads "
@@ -215,12 +233,11 @@ enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct 
         if (r->own != 0) /* rank 0 says it */
             why->text[0] = '\0';
         MPI_Finalize();
-        mem_free(r->expected);
-        mem_free(r);
+        release(r);
         return e;
     }
     *out = r;
-    return ranks_agree(r, open_counter(r, why), why);
+    return ranks_agree(r, start_keeper(r, why), why);
 }
 
 static void end_keeper(struct ranks *r)
@@ -238,8 +255,7 @@ void ranks_destroy(struct ranks *r)
         return;
     if (r->lost) { /* MPI's own end would wait for that rank */
         end_keeper(r);
-        mem_free(r->expected);
-        mem_free(r);
+        release(r);
         return;
     }
     MPI_Ibarrier(MPI_COMM_WORLD, &q);
@@ -248,8 +264,7 @@ void ranks_destroy(struct ranks *r)
     wait_for(&r->posted);
     MPI_Finalize();
     mem_free(r->post);
-    mem_free(r->expected);
-    mem_free(r);
+    release(r);
 }
 
 noreturn void ranks_abort(const struct ranks *r, const char *text)
@@ -381,32 +396,54 @@ enum err ranks_broadcast_from(struct ranks *r, uint32_t from, void *bytes, size_
     return e;
 }
 
-enum err ranks_expect(struct ranks *r, uint32_t from, void *bytes, size_t size)
+enum err ranks_begin_broadcast(struct ranks *r, int turn, void *bytes, size_t size)
 {
-    if (size > INT32_MAX)
-        return ERR_RANGE;
-    MPI_Irecv(bytes, (int)size, MPI_BYTE, (int)from, TAG_PART, MPI_COMM_WORLD, &r->expected[from]);
+    struct turn *t = &r->turn[turn];
+
+    for (size_t at = 0; at < size; at += PIECE) {
+        const int n = size - at < PIECE ? (int)(size - at) : PIECE;
+        if (t->pieces == PIECES)
+            return ERR_RANGE;
+        MPI_Ibcast((uint8_t *)bytes + at, n, MPI_BYTE, 0, MPI_COMM_WORLD, &t->begun[t->pieces++]);
+    }
     return ERR_OK;
 }
 
-enum err ranks_receive(struct ranks *r)
+enum err ranks_expect(struct ranks *r, int turn, uint32_t from, void *bytes, size_t size)
 {
+    if (size > INT32_MAX)
+        return ERR_RANGE;
+    MPI_Irecv(bytes, (int)size, MPI_BYTE, (int)from, TAG_PART, MPI_COMM_WORLD, &r->turn[turn].expected[from]);
+    return ERR_OK;
+}
+
+enum err ranks_receive(struct ranks *r, int turn)
+{
+    struct turn *t = &r->turn[turn];
     enum err e = ERR_OK;
 
+    for (int k = 0; k < t->pieces && !e; k++)
+        e = wait_or_stop(r, &t->begun[k]);
+    t->pieces = 0;
     for (int k = 1; k < r->count && !e; k++)
-        if (r->expected[k] != MPI_REQUEST_NULL)
-            e = wait_or_stop(r, &r->expected[k]);
+        if (t->expected[k] != MPI_REQUEST_NULL)
+            e = wait_or_stop(r, &t->expected[k]);
     return e;
+}
+
+enum err ranks_sent(struct ranks *r)
+{
+    return r->sent == MPI_REQUEST_NULL ? ERR_OK : wait_or_stop(r, &r->sent);
 }
 
 enum err ranks_send(struct ranks *r, const void *bytes, size_t size)
 {
-    MPI_Request q;
+    const enum err e = ranks_sent(r);
 
-    if (size > INT32_MAX)
-        return ERR_RANGE;
-    MPI_Isend(bytes, (int)size, MPI_BYTE, 0, TAG_PART, MPI_COMM_WORLD, &q);
-    return wait_or_stop(r, &q);
+    if (e || size > INT32_MAX)
+        return e ? e : ERR_RANGE;
+    MPI_Isend(bytes, (int)size, MPI_BYTE, 0, TAG_PART, MPI_COMM_WORLD, &r->sent);
+    return ERR_OK;
 }
 
 enum err ranks_post(struct ranks *r, const void *bytes, size_t size)

@@ -141,21 +141,34 @@ static enum err prepare(struct render *r, struct reason *why)
     return e ? e : render_collect_begin(r, why);
 }
 
-/* The time for light is what reading and writing leave of the frame's. */
-static struct frame_request request_of(const struct render *r)
+struct frame_request render_request(const struct render *r, const struct frame *frame, struct relight_desc *light)
 {
     const uint64_t done = r->rendered + r->refused + 1, all = source_count(r->source);
     struct frame_request q = {
-        .light = &r->desc.setup.light,
+        .light = light,
         .target = r->desc.target,
         .frames_left = all > done ? all - done : 0,
         .allow_bias = r->desc.setup.allow_bias,
         .no_cache = all <= done,
     };
 
-    if (q.target.seconds > 0.0)
+    light->direct.pass = r->desc.setup.reseed ? frame->number : 0;
+    light->turn = frame->number;
+    if (q.target.seconds > 0.0) /* what reading and writing leave of the frame's */
         q.target.seconds = fmax(0.2 * q.target.seconds, q.target.seconds - r->beside_s);
     return q;
+}
+
+void render_decode(struct environment *e, const struct frame *frame, struct decoding *out)
+{
+    double start = clock_seconds();
+
+    out->result = environment_decode(e, frame, &out->why);
+    out->ms[0] = 1e3 * (clock_seconds() - start);
+    start = clock_seconds();
+    if (!out->result)
+        out->result = environment_rebuild(e, &out->why);
+    out->ms[1] = 1e3 * (clock_seconds() - start);
 }
 
 static enum err print_probe(struct render *r, struct reason *why)
@@ -172,16 +185,12 @@ static enum err render_frame(struct render *r, struct reason *why)
 {
     struct relight_stats stats;
     struct pilot_stats pilot = { 0 };
-    double ms[3];
 
-    double start = clock_seconds();
-    enum err e = environment_decode(r->environment, &r->frame, why);
-    ms[0] = 1e3 * (clock_seconds() - start);
-    start = clock_seconds();
-    if (!e)
-        e = environment_rebuild(r->environment, why);
-    ms[1] = 1e3 * (clock_seconds() - start);
+    if (!r->decoded)
+        render_decode(r->environment, &r->frame, &r->decoding);
+    enum err e = r->decoding.result;
     if (e) {
+        *why = r->decoding.why;
         log_error("%s", why->text);
         r->refused++;
         return e == ERR_NOMEM ? e : ERR_OK;
@@ -193,9 +202,7 @@ static enum err render_frame(struct render *r, struct reason *why)
         return e;
     r->unmetered = false;
     r->desc.setup.light.direct.why = why;
-    r->desc.setup.light.direct.pass = r->desc.setup.reseed ? r->frame.number : 0;
-    r->desc.setup.light.turn = r->frame.number;
-    const struct frame_request request = request_of(r);
+    const struct frame_request request = render_request(r, &r->frame, &r->desc.setup.light);
     decide(&r->decider, &request, &r->decision);
     e = r->layers
             ? render_layers_run(r, &stats)
@@ -203,14 +210,14 @@ static enum err render_frame(struct render *r, struct reason *why)
     if (e)
         return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for the light samples", r->frame.name) : e;
     relight_lamps_add(r->lamps, r->desc.setup.initial.lamps, r->rgb);
-    start = clock_seconds();
+    const double start = clock_seconds();
     if (r->rgba)
         relighter_split(r->relighter, r->environment, r->rgb, r->rgba);
     if (r->output)
         e = output_write(r->output, r->rgb, r->rgba, r->frame.number, why);
     if (!e && render_collects(r))
         e = ranks_index(r->desc.ranks) > 0 ? render_collect_post(r, why) : render_collect_take(r, false, why);
-    ms[2] = 1e3 * (clock_seconds() - start);
+    const double ms[3] = { r->decoding.ms[0], r->decoding.ms[1], 1e3 * (clock_seconds() - start) };
     const double beside_s = 1e-3 * (ms[0] + ms[1] + ms[2]);
     if (r->rendered > 0) /* the first makes tables that stay */
         r->beside_s += (r->rendered > 1 ? 0.3 : 1.0) * (beside_s - r->beside_s);
@@ -243,7 +250,7 @@ static enum err render_all(struct render *r, struct reason *why)
             e = ERR_OK;
         } else if (r->frame.kind == FRAME_NONE) {
             continue; /* a quiet watched folder, or a live stream that does not come yet */
-        } else if (render_is_kept(r)) {
+        } else if (render_is_kept(r, &r->frame)) {
             r->kept++;
         } else {
             e = render_frame(r, why);
@@ -290,6 +297,7 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
             e = err_say(why, ERR_IO, "%s: cannot be written", r->desc.stats_path);
     }
     frame_finish(&r->frame);
+    frame_finish(&r->ahead.frame);
     mem_free(r->rgb);
     mem_free(r->rgba);
     mem_free(r->texts.at);
@@ -297,6 +305,7 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
     output_destroy(r->output);
     render_layers_destroy(r->layers);
     environment_destroy(r->environment);
+    environment_destroy(r->ahead.environment);
     prober_destroy(r->prober);
     decider_finish(&r->decider);
     relight_lamps_destroy(r->lamps);

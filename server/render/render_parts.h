@@ -10,6 +10,26 @@
 
 #include <stdio.h>
 
+/* A frame's decoding. */
+struct decoding {
+    enum err result;
+    struct reason why;
+    double ms[2]; /* decoding, rebuilding the tables */
+};
+
+/* split.c: the frame after this one, taken while other ranks light this one. */
+struct render_ahead {
+    struct environment *environment;
+    struct frame frame;
+    bool taken; /* `result` and *why are source_next's */
+    enum err result;
+    struct reason why;
+    bool decoded; /* into `environment`, as `decoding` says */
+    struct decoding decoding;
+    struct relight_desc light;
+    struct decision decision;
+};
+
 struct render {
     struct render_desc desc;
     struct source *source;
@@ -29,6 +49,9 @@ struct render {
     float *rgba;           /* [height][width][4]: the foreground; NULL: not asked for */
     FILE *stats;           /* NULL: none */
     struct frame frame;
+    bool decoded; /* already, as `decoding` says */
+    struct decoding decoding;
+    struct render_ahead ahead;
     uint64_t rendered, refused, kept;
     uint64_t *there; /* [there_count]: numbers of the pictures that rank 0 has, ascending; with desc.collect */
     size_t there_count;
@@ -42,6 +65,11 @@ struct render {
     struct render_layers *layers; /* NULL: not asked for */
     bool unmetered;               /* --exposure auto has no value yet */
 };
+
+/* render.c: what split.c needs of a frame, too. render_decode reads frame into e; render_request asks for its light,
+ * described in *light, which must outlive the result. */
+void render_decode(struct environment *e, const struct frame *frame, struct decoding *out);
+struct frame_request render_request(const struct render *r, const struct frame *frame, struct relight_desc *light);
 
 /* meter.c. render_expose fixes r->output's exposure, or sets r->unmetered where --exposure auto has to wait for the
  * first frame; render_meter then measures the one that r->environment holds. Errors are those of source_open,
@@ -61,12 +89,12 @@ void render_layers_destroy(struct render_layers *l); /* NULL is allowed */
 
 /* share.c: what ranks of a job share, and what --resume keeps. render_check_shared: ERR_USAGE where frames cannot be
  * dealt out or kept. render_take: the next frame for this process, in r->frame; errors of source_next. render_is_kept:
- * whether its picture is there already. render_note puts down the statistics of a frame, `text` (malloc; freed here),
+ * whether a frame's picture is there already. render_note puts down the statistics of a frame, `text` (malloc; freed here),
  * and render_join writes those of all ranks, collectively. ERR_NOMEM. */
 bool render_deals(const struct render *r); /* one rank per frame */
 MUST_CHECK enum err render_check_shared(const struct render *r, struct reason *why);
 MUST_CHECK enum err render_take(struct render *r, struct reason *why);
-bool render_is_kept(const struct render *r);
+bool render_is_kept(const struct render *r, const struct frame *frame);
 MUST_CHECK enum err render_note(struct render *r, char *text);
 MUST_CHECK enum err render_join(struct render *r, struct reason *why);
 
@@ -82,9 +110,11 @@ MUST_CHECK enum err render_collect_end(struct render *r, enum err own, struct re
 
 /* split.c: ranks light each frame together. render_split_begin joins them, collectively; then rank 0 renders and the
  * others do what render_split_serve does, until render_split_end, which also says what it took. Errors are those of
- * team.h; ERR_USAGE: a ground. */
+ * team.h; ERR_USAGE: a ground. render_split_take makes the frame that was taken ahead the current one; errors of
+ * source_next. */
 MUST_CHECK enum err render_split_begin(struct render *r, struct reason *why);
 MUST_CHECK enum err render_split_serve(struct render *r, struct reason *why);
+MUST_CHECK enum err render_split_take(struct render *r, struct reason *why);
 void render_split_end(struct render *r);
 
 /* statistics.c: the JSON object of the last frame, to be freed with free; NULL when out of memory. ms: decoding,

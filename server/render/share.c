@@ -53,14 +53,17 @@ enum err render_take(struct render *r, struct reason *why)
         if (r->position >= source_count(r->source) || !source_seek(r->source, r->position))
             return ERR_END;
     }
+    if (r->ahead.taken)
+        return render_split_take(r, why);
+    r->decoded = false;
     return source_next(r->source, &r->frame, why);
 }
 
-bool render_is_kept(const struct render *r)
+bool render_is_kept(const struct render *r, const struct frame *frame)
 {
     if (render_collects(r))
-        return r->desc.resume && render_collect_has(r, r->frame.number);
-    return r->desc.resume && r->output && output_exists(r->output, r->frame.number);
+        return r->desc.resume && render_collect_has(r, frame->number);
+    return r->desc.resume && r->output && output_exists(r->output, frame->number);
 }
 
 /* ---- Statistics ---- */

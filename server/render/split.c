@@ -5,6 +5,48 @@
 
 #include <inttypes.h>
 
+/* The next frame, decoded while other ranks light this one. */
+static bool look_ahead(void *context, const struct environment **e, const struct relight_desc **request)
+{
+    struct render *r = context;
+    struct render_ahead *a = &r->ahead;
+
+    a->result = source_next(r->source, &a->frame, &a->why);
+    a->taken = true;
+    a->decoded = !a->result && a->frame.kind != FRAME_NONE && !render_is_kept(r, &a->frame);
+    if (!a->decoded)
+        return false;
+    render_decode(a->environment, &a->frame, &a->decoding);
+    if (a->decoding.result)
+        return false;
+    a->light = r->desc.setup.light;
+    const struct frame_request q = render_request(r, &a->frame, &a->light);
+    decide(&r->decider, &q, &a->decision);
+    *e = a->environment;
+    *request = &a->decision.light;
+    return true;
+}
+
+enum err render_split_take(struct render *r, struct reason *why)
+{
+    struct render_ahead *a = &r->ahead;
+    struct environment *const environment = r->environment;
+    const struct frame frame = r->frame;
+
+    a->taken = false;
+    r->frame = a->frame;
+    a->frame = frame;
+    r->decoded = a->decoded;
+    if (r->decoded) {
+        r->environment = a->environment;
+        a->environment = environment;
+        r->decoding = a->decoding;
+    }
+    if (a->result)
+        *why = a->why;
+    return a->result;
+}
+
 enum err render_split_begin(struct render *r, struct reason *why)
 {
     const struct setup *s = &r->desc.setup;
@@ -19,7 +61,16 @@ enum err render_split_begin(struct render *r, struct reason *why)
         e = err_say(why, ERR_USAGE,
                     "--split-frames does not go with a ground, whose light is not each point's own: "
                     "leave it out, and each rank renders frames of its own");
-    return e ? e : team_create(&desc, &r->team, why);
+    const bool ahead = ranks_index(r->desc.ranks) == 0 && source_count(r->source) > 0; /* else a frame may be long in coming */
+    r->ahead.environment = ahead ? environment_create(&s->environment) : NULL;
+    if (!e && ahead && !r->ahead.environment)
+        e = err_say(why, ERR_NOMEM, "no memory for a sky");
+    e = ranks_agree(r->desc.ranks, e, why);
+    if (!e)
+        e = team_create(&desc, &r->team, why);
+    if (!e && ahead)
+        team_look_ahead(r->team, look_ahead, r);
+    return e;
 }
 
 enum err render_split_serve(struct render *r, struct reason *why)
@@ -35,9 +86,9 @@ void render_split_end(struct render *r)
     team_destroy(r->team);
     r->team = NULL;
     if (ranks_index(r->desc.ranks) == 0 && s.dealt > 0)
-        log_info("%" PRIu64 " pictures by %u ranks: %.1f KB to each rank and %.2f MB from all of them per picture; "
+        log_info("%" PRIu64 " pictures by %u ranks, %" PRIu64 " of them ordered early: %.1f KB to each rank and %.2f MB from all of them per picture; "
                  "%.2f s for rank 0's parts, %.2f s of waiting for others; G-buffer and caches: %.1f MB on rank 0, at "
                  "most %.1f MB on another",
-                 s.dealt, ranks_count(r->desc.ranks), 1e-3 * (double)s.sent, 1e-6 * (double)s.received, s.part_s,
+                 s.dealt, ranks_count(r->desc.ranks), s.early, 1e-3 * (double)s.sent, 1e-6 * (double)s.received, s.part_s,
                  s.wait_s, 1e-6 * (double)s.memory, 1e-6 * (double)s.memory_most);
 }

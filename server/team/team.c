@@ -6,6 +6,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "light/part.h"
+#include "light/relight_passes.h"
 #include "scene/scene_digest.h"
 #include "team/share.h"
 #include "team/work.h"
@@ -36,6 +37,20 @@ struct answer {
     uint64_t rays, memory;
 };
 
+struct bytes {
+    uint8_t *at;
+    size_t capacity;
+};
+
+/* A picture of which rank 0 has sent the order. */
+struct dealt {
+    bool open;
+    const struct environment *e;
+    struct order order;
+    uint32_t *cuts; /* [count + 1]: rank k has packets cuts[k] .. cuts[k + 1] - 1 */
+    struct bytes out, in;
+};
+
 struct team {
     struct team_desc desc;
     uint32_t own, count;
@@ -44,14 +59,17 @@ struct team {
     struct environment *environment; /* of other ranks */
     double *speed;                   /* [count]: packets a second; 0: not measured yet */
     uint32_t *shares;                /* [count + 1]: initial cuts, about which ranks keep packets */
-    uint32_t *cuts;                  /* [count + 1]: rank k has packets cuts[k] .. cuts[k + 1] - 1 */
+    struct dealt dealt[2];           /* rank 0: this picture's, dealt[turn], and the next one's */
+    int turn;
+    team_next *next; /* NULL: pictures are not known ahead */
+    void *next_context;
+    double end_s;    /* when the last picture's points were complete; 0: others had no order meanwhile */
+    uint32_t *cuts;  /* dealt[0].cuts, of other ranks */
     struct cache_share share;
     bool together; /* the caches were computed or loaded by all ranks */
     bool released; /* packets of other ranks */
-    struct bytes {
-        uint8_t *at;
-        size_t capacity;
-    } out, in; /* of messages */
+    struct bytes in, out[2]; /* of other ranks' messages; out[turn] is the next answer, */
+    struct answer failure;   /* or this */
 };
 
 static uint32_t packets_of(const struct team *t)
@@ -177,7 +195,7 @@ static void share_out(struct team *t)
 
 /* Shares by measured speed, once all ranks have one, as far as the ranks' memory reaches. Parts of pictures with the
  * cache begin at a block. */
-static void cut(struct team *t, const struct transport *cache)
+static void cut(const struct team *t, const struct transport *cache, uint32_t *cuts)
 {
     const uint32_t packets = packets_of(t), margin = margin_of(t);
     double whole = 0.0, at = 0.0;
@@ -187,8 +205,8 @@ static void cut(struct team *t, const struct transport *cache)
         all = all && t->speed[k] > 0.0;
         whole += t->speed[k];
     }
-    t->cuts[0] = 0;
-    t->cuts[t->count] = packets;
+    cuts[0] = 0;
+    cuts[t->count] = packets;
     for (uint32_t k = 1; k < t->count; k++) {
         const uint32_t share = t->shares[k], least = share > margin ? share - margin + BLOCK_PACKETS : 0;
         at += t->speed[k - 1];
@@ -196,13 +214,12 @@ static void cut(struct team *t, const struct transport *cache)
         place = place < least ? least : place > share + margin ? share + margin : place;
         place = place < packets ? place : packets;
         place = cache ? transport_cut(cache, place) : place;
-        t->cuts[k] = place > t->cuts[k - 1] ? place : t->cuts[k - 1];
+        cuts[k] = place > cuts[k - 1] ? place : cuts[k - 1];
     }
 }
 
-static void learn(struct team *t, uint32_t rank, double seconds)
+static void learn(struct team *t, uint32_t rank, uint32_t packets, double seconds)
 {
-    const uint32_t packets = t->cuts[rank + 1] - t->cuts[rank];
     double most = 0.0;
 
     if (packets == 0 || !(seconds > 0.0))
@@ -215,87 +232,124 @@ static void learn(struct team *t, uint32_t rank, double seconds)
         t->speed[rank] = LEAST * most;
 }
 
-/* Sends what the other ranks need of this picture. */
-static enum err send_order(struct team *t, const struct environment *e, const struct picture_passes *passes,
-                           const struct transport *cache, const struct transport_indirect *indirect, bool faces,
-                           const struct relight_stats *stats)
+static size_t cuts_bytes(const struct team *t)
 {
-    const size_t cuts = ((size_t)t->count + 1) * sizeof(*t->cuts);
-    struct order order;
-
-    memset(&order, 0, sizeof(order));
-    light_work_pack(passes, stats, &order.work);
-    order.narrow = faces;
-    order.sky = cache ? transport_sky_bytes(cache, indirect) : 0;
-    order.faces = faces ? 3 * sizeof(float) * CUBE_FACES * (uint64_t)e->n * e->n : 0;
-    const size_t size = cuts + order.sky + order.faces;
-    uint8_t *bytes = room_for(&t->out, size);
-    if (!bytes)
-        return ERR_NOMEM;
-    memcpy(bytes, t->cuts, cuts);
-    if (faces) /* first: floats are aligned there */
-        environment_get_faces(e, (float *)(void *)(bytes + cuts));
-    if (cache)
-        transport_pack_sky(cache, e, indirect, bytes + cuts + order.faces);
-    t->stats.sent = sizeof(order) + size;
-    t->stats.faces += faces;
-    const enum err result = ranks_broadcast(t->desc.ranks, &order, sizeof(order));
-    return result ? result : ranks_broadcast(t->desc.ranks, bytes, size);
+    return ((size_t)t->count + 1) * sizeof(uint32_t);
 }
 
-/* Memory for the answers; NULL: out of memory. To be had before the order, after which all ranks answer. */
-static uint8_t *room_for_answers(struct team *t)
+static int turn_of(const struct team *t, const struct dealt *d)
+{
+    return d == &t->dealt[1];
+}
+
+/* Begins to send what the other ranks need of a picture. */
+static enum err send_order(struct team *t, struct dealt *d, const struct transport *cache,
+                           const struct transport_indirect *indirect)
+{
+    const size_t cuts = cuts_bytes(t), faces = d->order.faces, size = cuts + d->order.sky + faces;
+    uint8_t *bytes = room_for(&d->out, size);
+
+    if (!bytes)
+        return ERR_NOMEM;
+    memcpy(bytes, d->cuts, cuts);
+    if (faces > 0) /* first: floats are aligned there */
+        environment_get_faces(d->e, (float *)(void *)(bytes + cuts));
+    if (cache)
+        transport_pack_sky(cache, d->e, indirect, bytes + cuts + faces);
+    t->stats.sent = sizeof(d->order) + size;
+    t->stats.faces += faces > 0;
+    const enum err e = ranks_begin_broadcast(t->desc.ranks, turn_of(t, d), &d->order, sizeof(d->order));
+    return e ? e : ranks_begin_broadcast(t->desc.ranks, turn_of(t, d), bytes, size);
+}
+
+/* Memory for the answers, to be had before the order, after which all ranks answer. */
+static enum err make_room(struct team *t, struct dealt *d)
 {
     size_t size = 0;
 
-    for (uint32_t k = 1; k < t->count; k++)
-        size += answer_bytes(t, t->cuts[k + 1] - t->cuts[k]);
+    for (uint32_t k = 1; k < t->count; k++) {
+        const size_t one = answer_bytes(t, d->cuts[k + 1] - d->cuts[k]);
+        if (one > INT32_MAX)
+            return ERR_RANGE;
+        size += one;
+    }
     t->stats.received = size;
-    return room_for(&t->in, size + 1);
+    return room_for(&d->in, size + 1) ? ERR_OK : ERR_NOMEM;
 }
 
-static enum err expect_all(struct team *t, uint8_t *to)
+static enum err expect_all(struct team *t, struct dealt *d)
 {
+    uint8_t *to = d->in.at;
     enum err e = ERR_OK;
 
     for (uint32_t k = 1; k < t->count && !e; k++) {
-        const size_t one = answer_bytes(t, t->cuts[k + 1] - t->cuts[k]);
-        e = ranks_expect(t->desc.ranks, k, to, one);
+        const size_t one = answer_bytes(t, d->cuts[k + 1] - d->cuts[k]);
+        e = ranks_expect(t->desc.ranks, turn_of(t, d), k, to, one);
         to += one;
     }
-    return e;
-}
-
-/* Copies the parts of other ranks to their places, except the packets that rank 0 has lit itself. */
-static enum err take_all(struct team *t, const uint8_t *at, const struct packet_list *own, float *lo,
-                         struct relight_stats *stats)
-{
-    float *kept = own->count ? mem_alloc_raw((size_t)own->count * BLOCK, sizeof(*kept)) : NULL;
-    enum err e = own->count && !kept ? ERR_NOMEM : ERR_OK;
-
-    for (uint32_t i = 0; i < own->count && !e; i++)
-        memcpy(kept + (size_t)i * BLOCK, lo + (size_t)own->index[i] * BLOCK, BLOCK * sizeof(float));
-    for (uint32_t k = 1; k < t->count && !e; k++) {
-        const uint32_t packets = t->cuts[k + 1] - t->cuts[k];
-        struct answer a;
-        memcpy(&a, at, sizeof(a));
-        e = (enum err)a.error;
-        if (!e)
-            unpack_light(t, at + sizeof(a), lo + (size_t)t->cuts[k] * BLOCK, (size_t)packets * BLOCK);
-        t->stats.memory_most = a.memory > t->stats.memory_most ? a.memory : t->stats.memory_most;
-        stats->direct.rays += a.rays;
-        learn(t, k, a.seconds);
-        at += answer_bytes(t, packets);
-    }
-    for (uint32_t i = 0; i < own->count && !e; i++)
-        memcpy(lo + (size_t)own->index[i] * BLOCK, kept + (size_t)i * BLOCK, BLOCK * sizeof(float));
-    mem_free(kept);
     return e;
 }
 
 static bool has_paths(const struct picture_passes *p)
 {
     return p->eye[0].paths > 0 || p->eye[1].paths > 0;
+}
+
+/* Orders a picture from the other ranks; a cache then has its sky. */
+static enum err deal(struct team *t, struct dealt *d, const struct environment *e, const struct picture_passes *passes,
+                     const struct relight_stats *stats)
+{
+    struct transport *cache = relighter_transport(t->desc.relighter, passes);
+    const struct transport_indirect *indirect = relighter_indirect(t->desc.relighter, passes, &stats->plan);
+    const bool faces = !cache || has_paths(passes) || !transport_narrow_is_few(cache, t->count);
+    enum err result = ERR_OK;
+
+    d->e = e;
+    memset(&d->order, 0, sizeof(d->order));
+    light_work_pack(passes, stats, &d->order.work);
+    if (cache) {
+        transport_gather(cache);
+        result = transport_take_sky(
+            cache, e, &(struct transport_frame){ .unsplit = passes->cached->unsplit, .indirect = indirect });
+    }
+    d->order.narrow = faces;
+    d->order.sky = cache ? transport_sky_bytes(cache, indirect) : 0;
+    d->order.faces = faces ? 3 * sizeof(float) * CUBE_FACES * (uint64_t)e->n * e->n : 0;
+    cut(t, cache, d->cuts);
+    if (!result)
+        result = make_room(t, d);
+    if (!result)
+        result = send_order(t, d, cache, indirect);
+    d->open = !result;
+    return result ? result : expect_all(t, d);
+}
+
+/* Copies the parts of other ranks to their places, except the packets that rank 0 has lit itself. */
+static enum err take_all(struct team *t, const struct dealt *d, const struct packet_list *own, float *lo,
+                         struct relight_stats *stats)
+{
+    float *kept = own->count ? mem_alloc_raw((size_t)own->count * BLOCK, sizeof(*kept)) : NULL;
+    const uint8_t *at = d->in.at;
+    enum err e = own->count && !kept ? ERR_NOMEM : ERR_OK;
+
+    for (uint32_t i = 0; i < own->count && !e; i++)
+        memcpy(kept + (size_t)i * BLOCK, lo + (size_t)own->index[i] * BLOCK, BLOCK * sizeof(float));
+    for (uint32_t k = 1; k < t->count && !e; k++) {
+        const uint32_t packets = d->cuts[k + 1] - d->cuts[k];
+        struct answer a;
+        memcpy(&a, at, sizeof(a));
+        e = (enum err)a.error;
+        if (!e)
+            unpack_light(t, at + sizeof(a), lo + (size_t)d->cuts[k] * BLOCK, (size_t)packets * BLOCK);
+        t->stats.memory_most = a.memory > t->stats.memory_most ? a.memory : t->stats.memory_most;
+        stats->direct.rays += a.rays;
+        learn(t, k, packets, a.seconds);
+        at += answer_bytes(t, packets);
+    }
+    for (uint32_t i = 0; i < own->count && !e; i++)
+        memcpy(lo + (size_t)own->index[i] * BLOCK, kept + (size_t)i * BLOCK, BLOCK * sizeof(float));
+    mem_free(kept);
+    return e;
 }
 
 /* With a cache that rank 0 has computed beside pictures. */
@@ -307,53 +361,100 @@ static enum err alone(struct team *t, struct relighter *r, const struct environm
     return relighter_run_part(r, e, passes, &all, lo, stats);
 }
 
+/* Orders the next picture, if it is known. What fails here fails again when it is made, and is reported then. */
+static void look_ahead(struct team *t)
+{
+    struct relighter *r = t->desc.relighter;
+    const struct environment *e;
+    const struct relight_desc *request;
+    struct picture_passes passes;
+    struct relight_stats stats;
+
+    if (!t->next || !t->next(t->next_context, &e, &request) || relighter_describe(r, e, request, &passes, &stats))
+        return;
+    if (!relighter_can_deal(r, &passes) || (passes.cached && !t->together))
+        return;
+    const enum err failed = deal(t, &t->dealt[!t->turn], e, &passes, &stats);
+    (void)failed;
+}
+
+static bool is_ordered(const struct dealt *d, const struct environment *e, const struct picture_passes *passes,
+                       const struct relight_stats *stats)
+{
+    struct light_work work;
+
+    memset(&work, 0, sizeof(work));
+    light_work_pack(passes, stats, &work);
+    return d->open && d->e == e && memcmp(&work, &d->order.work, sizeof(work)) == 0;
+}
+
+/* Receives the light of a picture, or of one that is not made after all. */
+static enum err receive(struct team *t, struct dealt *d)
+{
+    const bool open = d->open;
+
+    d->open = false;
+    return open ? ranks_receive(t->desc.ranks, turn_of(t, d)) : ERR_OK;
+}
+
+/* Rank 0's speed: of its part alone if the others wait for its other work, and of all it does between two pictures if
+ * they have an order meanwhile. */
+static void learn_own(struct team *t, bool early, uint32_t packets, double part_s, double busy_until)
+{
+    if (early && t->stats.early == 1)
+        t->speed[0] = 0.0; /* the other measure */
+    learn(t, 0, packets, early ? busy_until - t->end_s : part_s);
+}
+
 /* Lights the shade points of a picture on all ranks. */
 static enum err points(void *context, struct relighter *r, const struct environment *e,
                        const struct picture_passes *passes, float *lo, struct relight_stats *stats)
 {
     static const struct packet_list nothing = { NULL, 0 };
     struct team *t = context;
-    struct transport *cache = relighter_transport(r, passes);
-    const struct transport_indirect *indirect = relighter_indirect(r, passes, &stats->plan);
-    const struct packet_list *narrow = cache ? transport_narrow(cache) : &nothing;
-    const bool faces = !cache || has_paths(passes) || !transport_narrow_is_few(cache, t->count);
+    const struct transport *cache = relighter_transport(r, passes);
+    struct dealt *d = &t->dealt[t->turn];
     enum err result = ERR_OK;
 
     if (cache && !t->together)
         return alone(t, r, e, passes, lo, stats);
     if (!t->desc.whole)
         release_others(t);
-    if (cache) {
-        transport_gather(cache);
-        result = transport_take_sky(
-            cache, e, &(struct transport_frame){ .unsplit = passes->cached->unsplit, .indirect = indirect });
-    }
-    cut(t, cache);
-    uint8_t *answers = room_for_answers(t);
-    if (!result && !answers)
-        result = ERR_NOMEM;
-    if (!result)
-        result = send_order(t, e, passes, cache, indirect, faces, stats);
-    if (!result)
-        result = expect_all(t, answers);
-    const struct light_part own = { t->cuts[0], t->cuts[1], faces ? TRANSPORT_NARROW_OWN : TRANSPORT_NARROW_ALL,
+    const bool early = is_ordered(d, e, passes, stats);
+    if (!early)
+        result = receive(t, d);
+    if (!early && !result)
+        result = deal(t, d, e, passes, stats);
+    const bool narrow = cache && !d->order.narrow;
+    const struct light_part own = { d->cuts[0], d->cuts[1], narrow ? TRANSPORT_NARROW_ALL : TRANSPORT_NARROW_OWN,
                                     cache != NULL };
     const double start = clock_seconds();
-    const bool expects = !result;
     if (!result)
         result = relighter_run_part(r, e, passes, &own, lo, stats);
     const double lit = clock_seconds();
-    if (expects) { /* after an error, too: MPI writes into t->in until then */
-        const enum err received = ranks_receive(t->desc.ranks);
-        result = result ? result : received;
-    }
+    if (!result)
+        look_ahead(t);
+    const double looked = clock_seconds();
+    const enum err received = receive(t, d); /* after an error, too: MPI writes into d->in until then */
+    t->turn = !t->turn;
     t->stats.part_s += lit - start;
-    t->stats.wait_s += clock_seconds() - lit;
+    t->stats.wait_s += clock_seconds() - looked;
     t->stats.dealt++;
+    t->stats.early += early;
     t->stats.memory = relighter_memory(r);
     if (!is_cancelled(passes->direct.cancel))
-        learn(t, 0, lit - start);
-    return result ? result : take_all(t, answers, faces ? &nothing : narrow, lo, stats);
+        learn_own(t, early, own.end - own.first, lit - start, looked);
+    result = result ? result : received;
+    if (!result)
+        result = take_all(t, d, narrow ? transport_narrow(cache) : &nothing, lo, stats);
+    t->end_s = clock_seconds();
+    return result;
+}
+
+void team_look_ahead(struct team *t, team_next *next, void *context)
+{
+    t->next = next;
+    t->next_context = context;
 }
 
 /* ---- Other ranks ---- */
@@ -361,7 +462,7 @@ static enum err points(void *context, struct relighter *r, const struct environm
 static enum err take_sky(struct team *t, const struct order *order, const struct picture_passes *passes,
                          const struct plan *plan)
 {
-    const size_t cuts = ((size_t)t->count + 1) * sizeof(*t->cuts);
+    const size_t cuts = cuts_bytes(t);
     struct transport *cache = relighter_transport(t->desc.relighter, passes);
     enum err e = ERR_OK;
 
@@ -398,7 +499,7 @@ static enum err serve_one(struct team *t, const struct order *order, float *lo, 
     struct picture_passes passes;
     struct relight_stats stats = { 0 };
 
-    memcpy(t->cuts, t->in.at, ((size_t)t->count + 1) * sizeof(*t->cuts));
+    memcpy(t->cuts, t->in.at, cuts_bytes(t));
     const struct light_part part = { t->cuts[t->own], t->cuts[t->own + 1],
                                      order->narrow ? TRANSPORT_NARROW_OWN : TRANSPORT_NARROW_NONE, order->sky > 0 };
     const uint32_t packets = part.end - part.first;
@@ -409,14 +510,16 @@ static enum err serve_one(struct team *t, const struct order *order, float *lo, 
     if (!e)
         e = relighter_run_part(t->desc.relighter, t->environment, &passes, &part, lo, &stats);
     const size_t size = answer_bytes(t, packets);
-    uint8_t *out = room_for(&t->out, size);
+    uint8_t *out = room_for(&t->out[t->turn], size); /* the answer before may still be on its way */
+    t->turn = !t->turn;
     const double seconds = clock_seconds() - start;
     t->stats.part_s += seconds;
     e = e || out ? e : ERR_NOMEM;
     const struct answer a = { e, seconds, stats.direct.rays, relighter_memory(t->desc.relighter) };
     *failed = e;
+    t->failure = a;
     if (e)
-        return ranks_send(t->desc.ranks, &a, sizeof(a));
+        return ranks_send(t->desc.ranks, &t->failure, sizeof(a));
     memcpy(out, &a, sizeof(a));
     pack_light(t, lo + (size_t)part.first * BLOCK, (size_t)packets * BLOCK, out + sizeof(a));
     return ranks_send(t->desc.ranks, out, size);
@@ -438,14 +541,16 @@ enum err team_serve(struct team *t, struct reason *why)
             prepare(t, &order);
             continue;
         }
-        const size_t size = ((size_t)t->count + 1) * sizeof(*t->cuts) + order.sky + order.faces;
+        const size_t size = cuts_bytes(t) + order.sky + order.faces;
         if (!room_for(&t->in, size))
             ranks_abort(t->desc.ranks, "out of memory for the sky of a picture");
         e = ranks_broadcast(t->desc.ranks, t->in.at, size);
         if (!e)
             e = serve_one(t, &order, lo, &failed);
     }
+    const enum err sent = e ? e : ranks_sent(t->desc.ranks);
     mem_free(lo);
+    e = e ? e : sent;
     if (e)
         return err_say(why, e, "rank 0 does not answer any more");
     return failed ? err_say(why, failed, "this rank's part of a picture: %s", err_text(failed)) : ERR_OK;
@@ -482,7 +587,9 @@ enum err team_create(const struct team_desc *desc, struct team **out, struct rea
         t->own = ranks_index(desc->ranks);
         t->count = ranks_count(desc->ranks);
         t->speed = mem_alloc(t->count, sizeof(*t->speed));
-        t->cuts = mem_alloc((size_t)t->count + 1, sizeof(*t->cuts));
+        for (int turn = 0; turn < 2; turn++)
+            t->dealt[turn].cuts = mem_alloc((size_t)t->count + 1, sizeof(*t->cuts));
+        t->cuts = t->dealt[0].cuts;
         t->shares = mem_alloc((size_t)t->count + 1, sizeof(*t->shares));
         t->share = team_share(desc->ranks);
         t->share.begin = begin_caches;
@@ -491,7 +598,7 @@ enum err team_create(const struct team_desc *desc, struct team **out, struct rea
         sky.lean = true;
         t->environment = t->own > 0 ? environment_create(&sky) : NULL;
     }
-    const bool all = t && t->speed && t->cuts && t->shares && (t->environment || t->own == 0);
+    const bool all = t && t->speed && t->cuts && t->dealt[1].cuts && t->shares && (t->environment || t->own == 0);
     enum err e = ranks_agree(desc->ranks, all ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory"), why);
     if (!e)
         e = compare_sets(t, why);
@@ -523,15 +630,20 @@ void team_destroy(struct team *t)
         relighter_share(t->desc.relighter, NULL);
     if (t->desc.relighter && t->own == 0) {
         relighter_join(t->desc.relighter, NULL);
-        if (ranks_broadcast(t->desc.ranks, &order, sizeof(order)))
+        const enum err lost = receive(t, &t->dealt[0]), too = receive(t, &t->dealt[1]);
+        if (lost || too || ranks_broadcast(t->desc.ranks, &order, sizeof(order)))
             log_warning("a rank does not answer; it is left behind");
     }
     environment_destroy(t->environment);
     mem_free(t->speed);
-    mem_free(t->cuts);
     mem_free(t->shares);
-    mem_free(t->out.at);
     mem_free(t->in.at);
+    for (int turn = 0; turn < 2; turn++) {
+        mem_free(t->dealt[turn].cuts);
+        mem_free(t->dealt[turn].out.at);
+        mem_free(t->dealt[turn].in.at);
+        mem_free(t->out[turn].at);
+    }
     mem_free(t);
 }
 

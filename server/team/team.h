@@ -21,8 +21,13 @@ struct team_desc {
     bool half;                                  /* transfer light as half floats; all ranks round to half floats */
 };
 
+/* Finds the next picture, its sky and its request, which the caller will run after this one, and for which *e must then
+ * be unchanged; false: there is none, or it is not known yet. */
+typedef bool team_next(void *context, const struct environment **e, const struct relight_desc **request);
+
 struct team_stats {
     uint64_t dealt;               /* pictures that all ranks have lit */
+    uint64_t early;               /* of these, whose order went out while the picture before was lit */
     uint64_t sent, received;      /* bytes of the last distributed picture: to each rank, from all ranks */
     uint64_t faces;               /* distributed pictures that needed the whole sky */
     uint64_t memory, memory_most; /* bytes of G-buffer and caches: of rank 0, and the most of another rank */
@@ -33,6 +38,11 @@ struct team_stats {
 /* Collective. Joins rank 0's relighter to the team. All borrowed objects must outlive the team. ERR_USAGE: the ranks
  * have different scenes. ERR_NOMEM. */
 MUST_CHECK enum err team_create(const struct team_desc *desc, struct team **out, struct reason *why);
+
+/* Rank 0: from now on orders the next picture before the others have finished this one: next is called once this rank's
+ * part is lit, and may take its time, since others get more of the points then. Between such a picture and the next the
+ * relighter lights no other. */
+void team_look_ahead(struct team *t, team_next *next, void *context);
 
 /* Ranks other than 0: lights parts until rank 0 destroys its team. ERR_IO: stopped (ranks_set_stop) before that. */
 MUST_CHECK enum err team_serve(struct team *t, struct reason *why);
