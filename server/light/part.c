@@ -37,6 +37,11 @@ void relighter_share(struct relighter *r, const struct cache_share *share)
     r->cache.share = share;
 }
 
+enum err relighter_narrow(struct relighter *r)
+{
+    return r->cache.transport && r->cache.keep.share ? relight_cache_narrow(&r->cache) : ERR_OK;
+}
+
 void relighter_round(struct relighter *r, bool half)
 {
     r->half = half;

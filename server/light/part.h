@@ -32,6 +32,10 @@ void relighter_join(struct relighter *r, const struct light_team *team);
  * from share->begin; it keeps what its packets need. share is borrowed; NULL ends it. */
 void relighter_share(struct relighter *r, const struct cache_share *share);
 
+/* Frees what the caches hold outside share->first .. share->end - 1, which have come closer together since the caches
+ * were made. Between pictures' points. ERR_NOMEM. */
+MUST_CHECK enum err relighter_narrow(struct relighter *r);
+
 /* Rounds light at shade points to half floats, at most 65504, whichever process computes it. */
 void relighter_round(struct relighter *r, bool half);
 

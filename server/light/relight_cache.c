@@ -160,8 +160,13 @@ enum err relight_cache_keep(struct relight_cache *c)
     if (!c->transport || !s || s->index > 0 || c->kept)
         return ERR_OK;
     c->kept = c->keep.unwritable = true;
-    transport_keep(c->transport, s);
-    return c->bounce.bounce ? bounce_keep(c->bounce.bounce, c->transport, s) : ERR_OK;
+    return relight_cache_narrow(c);
+}
+
+enum err relight_cache_narrow(struct relight_cache *c)
+{
+    transport_keep(c->transport, c->keep.share);
+    return c->bounce.bounce ? bounce_keep(c->bounce.bounce, c->transport, c->keep.share) : ERR_OK;
 }
 
 static enum err load_or_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
@@ -288,8 +293,9 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
     if (!c->building)
         transport_gather(c->transport);
     if (part) {
-        frame.first = part->first;
-        frame.end = part->end;
+        const bool empty = part->first >= part->end; /* behind all packets: end 0 means all of them */
+        frame.first = empty ? UINT32_MAX : part->first;
+        frame.end = empty ? UINT32_MAX : part->end;
         frame.narrow = part->narrow;
         frame.sky_taken = part->sky_taken;
     }

@@ -44,6 +44,10 @@ MUST_CHECK enum err relight_cache_begin(const struct relight_cache *c, const str
 /* With other processes, once both caches are there and stored: process 0 frees what others' packets need. ERR_NOMEM. */
 MUST_CHECK enum err relight_cache_keep(struct relight_cache *c);
 
+/* With other processes, once share->first and share->end have come closer together: frees what lies outside. ERR_NOMEM.
+ */
+MUST_CHECK enum err relight_cache_narrow(struct relight_cache *c);
+
 /* As relighter_follow. */
 double relight_cache_follow(struct relight_cache *c);
 

@@ -53,8 +53,8 @@ uint64_t ranks_take(struct ranks *r);
 /* From now on ranks_take returns no numbers on any rank. */
 void ranks_stop(struct ranks *r);
 
-/* From now on ranks_broadcast, ranks_receive, ranks_send and ranks_sent wait for at most a second once *stop is true: a rank that
- * has died would never answer. The job then ends without the synchronisation in ranks_destroy. Borrowed. */
+/* From now on ranks_broadcast, ranks_receive, ranks_send and ranks_sent wait for at most a second once *stop is true: a
+ * rank that has died would never answer. The job then ends without the synchronisation in ranks_destroy. Borrowed. */
 void ranks_set_stop(struct ranks *r, const atomic_bool *stop);
 
 /* Ends the processes of all ranks at once, after an error that others would wait for. Logs `text`. mpirun returns 1. */

@@ -39,16 +39,16 @@ struct ranks {
     bool has_keeper;
     atomic_bool leaving;
     const atomic_bool *stop;
-    bool lost;             /* stopped while it waited for a rank */
+    bool lost;                 /* stopped while it waited for a rank */
     struct turn {              /* rank 0's */
         MPI_Request *expected; /* [count] */
         MPI_Request begun[PIECES];
         int pieces;
     } turn[2];
-    MPI_Request sent; /* another rank's last answer */
-    MPI_Request posted;    /* of another rank: its last post, */
-    uint8_t *post;         /* and its bytes */
-    int ended;             /* rank 0: ranks whose last post has come */
+    MPI_Request sent;   /* another rank's last answer */
+    MPI_Request posted; /* of another rank: its last post, */
+    uint8_t *post;      /* and its bytes */
+    int ended;          /* rank 0: ranks whose last post has come */
 };
 
 static void rest(void)

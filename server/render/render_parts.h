@@ -89,8 +89,8 @@ void render_layers_destroy(struct render_layers *l); /* NULL is allowed */
 
 /* share.c: what ranks of a job share, and what --resume keeps. render_check_shared: ERR_USAGE where frames cannot be
  * dealt out or kept. render_take: the next frame for this process, in r->frame; errors of source_next. render_is_kept:
- * whether a frame's picture is there already. render_note puts down the statistics of a frame, `text` (malloc; freed here),
- * and render_join writes those of all ranks, collectively. ERR_NOMEM. */
+ * whether a frame's picture is there already. render_note puts down the statistics of a frame, `text` (malloc; freed
+ * here), and render_join writes those of all ranks, collectively. ERR_NOMEM. */
 bool render_deals(const struct render *r); /* one rank per frame */
 MUST_CHECK enum err render_check_shared(const struct render *r, struct reason *why);
 MUST_CHECK enum err render_take(struct render *r, struct reason *why);

@@ -61,7 +61,8 @@ enum err render_split_begin(struct render *r, struct reason *why)
         e = err_say(why, ERR_USAGE,
                     "--split-frames does not go with a ground, whose light is not each point's own: "
                     "leave it out, and each rank renders frames of its own");
-    const bool ahead = ranks_index(r->desc.ranks) == 0 && source_count(r->source) > 0; /* else a frame may be long in coming */
+    const bool ahead =
+        ranks_index(r->desc.ranks) == 0 && source_count(r->source) > 0; /* else a frame may be long in coming */
     r->ahead.environment = ahead ? environment_create(&s->environment) : NULL;
     if (!e && ahead && !r->ahead.environment)
         e = err_say(why, ERR_NOMEM, "no memory for a sky");
@@ -86,9 +87,10 @@ void render_split_end(struct render *r)
     team_destroy(r->team);
     r->team = NULL;
     if (ranks_index(r->desc.ranks) == 0 && s.dealt > 0)
-        log_info("%" PRIu64 " pictures by %u ranks, %" PRIu64 " of them ordered early: %.1f KB to each rank and %.2f MB from all of them per picture; "
+        log_info("%" PRIu64 " pictures by %u ranks, %" PRIu64
+                 " of them ordered early: %.1f KB to each rank and %.2f MB from all of them per picture; "
                  "%.2f s for rank 0's parts, %.2f s of waiting for others; G-buffer and caches: %.1f MB on rank 0, at "
                  "most %.1f MB on another",
-                 s.dealt, ranks_count(r->desc.ranks), s.early, 1e-3 * (double)s.sent, 1e-6 * (double)s.received, s.part_s,
-                 s.wait_s, 1e-6 * (double)s.memory, 1e-6 * (double)s.memory_most);
+                 s.dealt, ranks_count(r->desc.ranks), s.early, 1e-3 * (double)s.sent, 1e-6 * (double)s.received,
+                 s.part_s, s.wait_s, 1e-6 * (double)s.memory, 1e-6 * (double)s.memory_most);
 }

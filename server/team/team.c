@@ -14,17 +14,21 @@
 #include <math.h>
 #include <string.h>
 
-#define SMOOTH 0.1 /* weight of a picture in a rank's measured speed */
+#define SMOOTH 0.1 /* weight of a picture in a rank's measured speed, */
+#define SOON 0.4   /* and while shares are not settled */
 #define LEAST 0.02 /* of the fastest rank's speed: with no share at all, it would never be measured again */
 #define BLOCK (3 * PACKET)
-#define BLOCK_PACKETS 4 /* at most, of a block of the cache */
-#define MARGIN 16       /* a rank keeps the packets of its share and 1 / MARGIN of a share on either side, */
-#define MARGIN_MIN 8    /* and some packets, since parts begin at blocks */
-#define RANGE 2.0       /* initial shares differ from the mean by 2^-RANGE .. 2^RANGE */
+#define BLOCK_PACKETS 4     /* at most, of a block of the cache */
+#define MARGIN (1.0 / 16.0) /* a rank keeps the packets of its share and this part of a mean share on either side, */
+#define MARGIN_MIN 8        /* and some packets, since parts begin at blocks; */
+#define MARGIN_FIRST 0.75   /* this part during the first pictures, in which the shares are measured, */
+#define FIRST 12            /* of so many pictures with a cache */
+#define RANGE 2.0           /* initial shares differ from the mean by 2^-RANGE .. 2^RANGE */
 
 /* The first message of a picture, followed by the cuts, the packed sky and the faces. */
 struct order {
-    enum order_kind { ORDER_PICTURE, ORDER_PREPARE, ORDER_LEAVE } kind; /* prepare: work.cached is the request */
+    /* prepare: work.cached is the request. Keep: the cuts that follow are the shares from now on. */
+    enum order_kind { ORDER_PICTURE, ORDER_PREPARE, ORDER_KEEP, ORDER_LEAVE } kind;
     bool narrow; /* ranks light those of their parts: faces follow */
     uint64_t sky, faces;
     struct light_work work;
@@ -63,13 +67,17 @@ struct team {
     int turn;
     team_next *next; /* NULL: pictures are not known ahead */
     void *next_context;
-    double end_s;    /* when the last picture's points were complete; 0: others had no order meanwhile */
-    uint32_t *cuts;  /* dealt[0].cuts, of other ranks */
+    double end_s;   /* when the last picture's points were complete; 0: others had no order meanwhile */
+    uint32_t *cuts; /* dealt[0].cuts, of other ranks */
     struct cache_share share;
-    bool together; /* the caches were computed or loaded by all ranks */
-    bool released; /* packets of other ranks */
+    uint32_t first;          /* rank 0: pictures with a cache so far, up to FIRST */
+    bool settled;            /* shares are measured, and each rank keeps its own */
+    struct order order;      /* rank 0: of ORDER_KEEP */
+    bool together;           /* the caches were computed or loaded by all ranks */
+    bool released;           /* packets of other ranks */
     struct bytes in, out[2]; /* of other ranks' messages; out[turn] is the next answer, */
     struct answer failure;   /* or this */
+    double held_s;           /* seconds that the last answer waited for the one before it to be sent */
 };
 
 static uint32_t packets_of(const struct team *t)
@@ -77,9 +85,9 @@ static uint32_t packets_of(const struct team *t)
     return relighter_set(t->desc.relighter)->gbuffer->packet_count;
 }
 
-static uint32_t margin_of(const struct team *t)
+static uint32_t margin_of(const struct team *t, bool settled)
 {
-    return packets_of(t) / (t->count * MARGIN) + MARGIN_MIN;
+    return (uint32_t)((settled ? MARGIN : MARGIN_FIRST) * packets_of(t) / t->count) + MARGIN_MIN;
 }
 
 static uint8_t *room_for(struct bytes *b, size_t size)
@@ -130,13 +138,26 @@ static void unpack_light(const struct team *t, const uint8_t *in, float *lo, siz
 
 /* ---- Memory ---- */
 
+/* The packets that this rank keeps: those of its share, and some on either side. */
+static void choose_kept(struct team *t)
+{
+    const struct set *set = relighter_set(t->desc.relighter);
+    const uint32_t packets = packets_of(t), margin = margin_of(t, t->settled);
+    const uint32_t first = t->shares[t->own], end = t->shares[t->own + 1];
+
+    t->share.first = first > margin ? first - margin : 0;
+    t->share.end = end + margin < packets ? end + margin : packets;
+    if (t->own == 0 && set->scene->ground.radius > 0.0f) /* whose pictures it lights alone */
+        t->share.end = 0;
+}
+
 /* Releases the G-buffer of other ranks' packets and, except on rank 0, of the pixels, once no cache will need it. */
 static void release_others(struct team *t)
 {
     const struct transport *cache = relighter_cache(t->desc.relighter);
     struct gbuffer *g = relighter_set(t->desc.relighter)->gbuffer;
 
-    if (t->released || t->share.end == 0 || !cache || !relighter_is_complete(t->desc.relighter))
+    if (t->released || !t->settled || t->share.end == 0 || !cache || !relighter_is_complete(t->desc.relighter))
         return;
     for (uint32_t first = 0, end; first < g->packet_count; first = end) {
         const bool kept = transport_keeps(cache, &t->share, first);
@@ -168,7 +189,7 @@ static enum err begin_caches(void *context, const void *request)
 static void share_out(struct team *t)
 {
     const struct set *set = relighter_set(t->desc.relighter);
-    const uint32_t packets = set->gbuffer->packet_count, margin = margin_of(t);
+    const uint32_t packets = set->gbuffer->packet_count;
     double mean = 0.0, whole = 0.0, at = 0.0;
 
     ranks_share_number(t->desc.ranks, 1.0 / fmax(set->gbuffer_ms, 1e-3), t->speed);
@@ -184,20 +205,27 @@ static void share_out(struct team *t)
         t->speed[k] = 0.0; /* not measured in pictures yet */
     }
     t->shares[t->count] = packets;
-    const uint32_t first = t->shares[t->own], end = t->shares[t->own + 1];
-    t->share.first = first > margin ? first - margin : 0;
-    t->share.end = end + margin < packets ? end + margin : packets;
-    if (t->own == 0 && set->scene->ground.radius > 0.0f) /* whose pictures it lights alone */
-        t->share.end = 0;
+    choose_kept(t);
+}
+
+/* The shares are known: frees the rest. */
+static enum err settle(struct team *t)
+{
+    t->settled = true;
+    choose_kept(t);
+    const enum err e = relighter_narrow(t->desc.relighter);
+    if (!(t->own == 0 && t->desc.whole))
+        release_others(t);
+    return e;
 }
 
 /* ---- Rank 0 ---- */
 
-/* Shares by measured speed, once all ranks have one, as far as the ranks' memory reaches. Parts of pictures with the
- * cache begin at a block. */
-static void cut(const struct team *t, const struct transport *cache, uint32_t *cuts)
+/* Shares by measured speed, once all ranks have one, at most `margin` packets from the shares that ranks keep. Parts of
+ * pictures with the cache begin at a block. */
+static void cut(const struct team *t, const struct transport *cache, uint32_t margin, uint32_t *cuts)
 {
-    const uint32_t packets = packets_of(t), margin = margin_of(t);
+    const uint32_t packets = packets_of(t);
     double whole = 0.0, at = 0.0;
     bool all = true;
 
@@ -225,7 +253,7 @@ static void learn(struct team *t, uint32_t rank, uint32_t packets, double second
     if (packets == 0 || !(seconds > 0.0))
         return;
     const double speed = packets / seconds;
-    t->speed[rank] += (t->speed[rank] > 0.0 ? SMOOTH : 1.0) * (speed - t->speed[rank]);
+    t->speed[rank] += (t->speed[rank] > 0.0 ? t->settled ? SMOOTH : SOON : 1.0) * (speed - t->speed[rank]);
     for (uint32_t k = 0; k < t->count; k++)
         most = t->speed[k] > most ? t->speed[k] : most;
     if (t->speed[rank] < LEAST * most)
@@ -315,7 +343,7 @@ static enum err deal(struct team *t, struct dealt *d, const struct environment *
     d->order.narrow = faces;
     d->order.sky = cache ? transport_sky_bytes(cache, indirect) : 0;
     d->order.faces = faces ? 3 * sizeof(float) * CUBE_FACES * (uint64_t)e->n * e->n : 0;
-    cut(t, cache, d->cuts);
+    cut(t, cache, margin_of(t, t->settled), d->cuts);
     if (!result)
         result = make_room(t, d);
     if (!result)
@@ -341,7 +369,7 @@ static enum err take_all(struct team *t, const struct dealt *d, const struct pac
         e = (enum err)a.error;
         if (!e)
             unpack_light(t, at + sizeof(a), lo + (size_t)d->cuts[k] * BLOCK, (size_t)packets * BLOCK);
-        t->stats.memory_most = a.memory > t->stats.memory_most ? a.memory : t->stats.memory_most;
+        t->stats.memory_most = k == 1 || a.memory > t->stats.memory_most ? a.memory : t->stats.memory_most;
         stats->direct.rays += a.rays;
         learn(t, k, packets, a.seconds);
         at += answer_bytes(t, packets);
@@ -359,6 +387,24 @@ static enum err alone(struct team *t, struct relighter *r, const struct environm
     const struct light_part all = { 0, packets_of(t), TRANSPORT_NARROW_OWN, false };
 
     return relighter_run_part(r, e, passes, &all, lo, stats);
+}
+
+/* After the first pictures with a cache: the cuts at which all ranks take the same time become the shares, between
+ * this picture and the next. */
+static enum err settle_all(struct team *t, const struct transport *cache)
+{
+    const int turn = !t->turn;
+
+    if (!cache || t->settled || !relighter_is_complete(t->desc.relighter) || ++t->first < FIRST)
+        return ERR_OK;
+    /* What ranks keep on either side from then on must be among what they have. */
+    cut(t, cache, margin_of(t, false) - margin_of(t, true), t->shares);
+    memset(&t->order, 0, sizeof(t->order));
+    t->order.kind = ORDER_KEEP;
+    enum err e = ranks_begin_broadcast(t->desc.ranks, turn, &t->order, sizeof(t->order));
+    if (!e)
+        e = ranks_begin_broadcast(t->desc.ranks, turn, t->shares, cuts_bytes(t));
+    return e ? e : settle(t);
 }
 
 /* Orders the next picture, if it is known. What fails here fails again when it is made, and is reported then. */
@@ -391,10 +437,8 @@ static bool is_ordered(const struct dealt *d, const struct environment *e, const
 /* Receives the light of a picture, or of one that is not made after all. */
 static enum err receive(struct team *t, struct dealt *d)
 {
-    const bool open = d->open;
-
     d->open = false;
-    return open ? ranks_receive(t->desc.ranks, turn_of(t, d)) : ERR_OK;
+    return ranks_receive(t->desc.ranks, turn_of(t, d));
 }
 
 /* Rank 0's speed: of its part alone if the others wait for its other work, and of all it does between two pictures if
@@ -418,8 +462,6 @@ static enum err points(void *context, struct relighter *r, const struct environm
 
     if (cache && !t->together)
         return alone(t, r, e, passes, lo, stats);
-    if (!t->desc.whole)
-        release_others(t);
     const bool early = is_ordered(d, e, passes, stats);
     if (!early)
         result = receive(t, d);
@@ -432,6 +474,8 @@ static enum err points(void *context, struct relighter *r, const struct environm
     if (!result)
         result = relighter_run_part(r, e, passes, &own, lo, stats);
     const double lit = clock_seconds();
+    if (!result)
+        result = settle_all(t, cache);
     if (!result)
         look_ahead(t);
     const double looked = clock_seconds();
@@ -490,7 +534,6 @@ static void prepare(struct team *t, const struct order *order)
     request.direct.why = &why;
     if (relighter_prepare(t->desc.relighter, &request, false, &ms) && why.text[0])
         log_error("%s", why.text);
-    release_others(t);
 }
 
 /* Lights this rank's part and sends it, or in its stead *failed, by which rank 0 ends the picture. */
@@ -512,8 +555,8 @@ static enum err serve_one(struct team *t, const struct order *order, float *lo, 
     const size_t size = answer_bytes(t, packets);
     uint8_t *out = room_for(&t->out[t->turn], size); /* the answer before may still be on its way */
     t->turn = !t->turn;
-    const double seconds = clock_seconds() - start;
-    t->stats.part_s += seconds;
+    const double lit_s = clock_seconds() - start, seconds = lit_s + t->held_s; /* a slow link counts like a slow rank */
+    t->stats.part_s += lit_s;
     e = e || out ? e : ERR_NOMEM;
     const struct answer a = { e, seconds, stats.direct.rays, relighter_memory(t->desc.relighter) };
     *failed = e;
@@ -522,7 +565,10 @@ static enum err serve_one(struct team *t, const struct order *order, float *lo, 
         return ranks_send(t->desc.ranks, &t->failure, sizeof(a));
     memcpy(out, &a, sizeof(a));
     pack_light(t, lo + (size_t)part.first * BLOCK, (size_t)packets * BLOCK, out + sizeof(a));
-    return ranks_send(t->desc.ranks, out, size);
+    const double packed = clock_seconds();
+    e = ranks_send(t->desc.ranks, out, size);
+    t->held_s = clock_seconds() - packed;
+    return e;
 }
 
 enum err team_serve(struct team *t, struct reason *why)
@@ -539,6 +585,12 @@ enum err team_serve(struct team *t, struct reason *why)
             break;
         if (order.kind == ORDER_PREPARE) {
             prepare(t, &order);
+            continue;
+        }
+        if (order.kind == ORDER_KEEP) {
+            e = ranks_broadcast(t->desc.ranks, t->shares, cuts_bytes(t));
+            if (!e && settle(t))
+                ranks_abort(t->desc.ranks, "out of memory for this rank's part of the cache");
             continue;
         }
         const size_t size = cuts_bytes(t) + order.sky + order.faces;

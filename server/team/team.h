@@ -1,6 +1,7 @@
 /* Lets the ranks of a job light each picture together. Each rank has a relighter of the same set; rank 0's makes the
  * pictures and distributes their shade points. The ranks compute the caches together when rank 0's relighter needs
- * them, and each then keeps only what its packets need of them and of the G-buffer. Rank 0 alone lights pictures that
+ * them. During the first pictures with a cache each keeps more than its share, whose size the measured times then
+ * decide; from then on only what its packets need of caches and G-buffer. Rank 0 alone lights pictures that
  * cannot be distributed (light/part.h). The bits are those of one process; with `half`, those of one process with
  * relighter_round. Thread: the relighter's, which is the one that called ranks_create. */
 #ifndef TEAM_TEAM_H
@@ -30,7 +31,8 @@ struct team_stats {
     uint64_t early;               /* of these, whose order went out while the picture before was lit */
     uint64_t sent, received;      /* bytes of the last distributed picture: to each rank, from all ranks */
     uint64_t faces;               /* distributed pictures that needed the whole sky */
-    uint64_t memory, memory_most; /* bytes of G-buffer and caches: of rank 0, and the most of another rank */
+    uint64_t memory, memory_most; /* of the last one, bytes of G-buffer and caches: of rank 0, and the most of
+                                     another rank */
     double wait_s;                /* time that rank 0 waited for other ranks, in all distributed pictures */
     double part_s;                /* seconds of this rank's own parts */
 };

@@ -293,6 +293,9 @@ MUST_CHECK enum err transport_load_blocks(struct cache_reader *r, const struct d
                                           uint32_t step, const struct cache_share *s, struct transport *t,
                                           struct reason *why);
 
+/* Moves the pieces into a new array, t->bytes, from the old one or from memory of their own; not when out of memory. */
+void transport_gather_again(struct transport *t);
+
 /* Counts anew, only the blocks that this process has. */
 void transport_count_kept(struct transport *t, const struct cache_share *s);
 

@@ -21,11 +21,18 @@ bool transport_keeps(const struct transport *t, const struct cache_share *s, uin
 
 void transport_keep(struct transport *t, const struct cache_share *s)
 {
-    if (!s || s->end == 0 || t->bytes) /* gathered: it is in use already */
+    if (!s || s->end == 0)
         return;
-    for (uint32_t k = 0; k < t->block_count; k++)
-        if (!transport_keeps(t, s, t->blocks[k].first))
-            transport_block_finish(&t->blocks[k]);
+    for (uint32_t k = 0; k < t->block_count; k++) {
+        struct transport_block *b = &t->blocks[k];
+        if (transport_keeps(t, s, b->first))
+            continue;
+        for (uint32_t r = 0; t->bytes && r < TRANSPORT_ROWS; r++)
+            b->pieces[r].bytes = NULL; /* they belong to t->bytes */
+        transport_block_finish(b);
+    }
+    if (t->bytes)
+        transport_gather_again(t);
     transport_count_kept(t, s);
 }
 

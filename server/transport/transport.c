@@ -49,27 +49,34 @@ static size_t place_of(const struct transport_piece *q, const struct transport_b
  * time. */
 void transport_gather(struct transport *t)
 {
+    if (!t->fades && !t->bytes)
+        transport_gather_again(t);
+}
+
+void transport_gather_again(struct transport *t)
+{
+    uint8_t *const before = t->bytes;
     size_t count = 0;
 
-    if (t->fades || t->bytes)
-        return;
     for (uint32_t k = 0; k < t->block_count; k++)
         for (uint32_t r = 0; r < t->blocks[k].rows; r++)
             count += place_of(&t->blocks[k].pieces[r], &t->blocks[k]);
-    t->bytes = mem_alloc_raw(count, 1);
-    if (!t->bytes)
+    uint8_t *to = mem_alloc_raw(count, 1);
+    if (!to)
         return;
-    uint8_t *to = t->bytes;
+    t->bytes = to;
     for (uint32_t k = 0; k < t->block_count; k++)
         for (uint32_t r = 0; r < t->blocks[k].rows; r++) {
             struct transport_piece *q = &t->blocks[k].pieces[r];
             if (!q->bytes)
                 continue;
             memcpy(to, q->bytes, (size_t)transport_piece_bytes(q, t->blocks[k].packets * PACKET));
-            mem_free(q->bytes);
+            if (!before)
+                mem_free(q->bytes);
             q->bytes = to;
             to += place_of(q, &t->blocks[k]);
         }
+    mem_free(before);
 }
 
 const struct transport_stats *transport_stats(const struct transport *t)

@@ -117,7 +117,7 @@ void transport_gather(struct transport *t);
 
 /* Frees the blocks that this process does not need: those that begin with packets outside s->first .. s->end - 1.
  * Process 0 keeps all blocks with narrow lobes if transport_narrow_is_few. Loading and building with desc->share have
- * done so already in other processes than 0. */
+ * done so already in other processes than 0. Not while a frame is lit; again when a process needs less. */
 void transport_keep(struct transport *t, const struct cache_share *s);
 
 /* Whether transport_keep keeps the block that contains a packet. s NULL: true. */
