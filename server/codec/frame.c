@@ -31,6 +31,7 @@ enum err frame_reserve_bytes(struct frame *f, size_t size)
     if (e)
         return e;
     f->kind = FRAME_FILE;
+    f->units = 0.0;
     f->size = size;
     return ERR_OK;
 }
@@ -49,6 +50,7 @@ enum err frame_reserve_texels(struct frame *f, uint32_t width, uint32_t height)
     if (e)
         return e;
     f->kind = FRAME_TEXELS;
+    f->units = 0.0;
     f->width = width;
     f->height = height;
     return ERR_OK;

@@ -24,6 +24,7 @@ struct frame {
     enum frame_kind kind;
     uint64_t number;    /* the source's frame number: from a file name, or counted from 0 */
     int64_t capture_us; /* capture time, microseconds since 1970-01-01 UTC; 0: unknown (see source.h) */
+    double units;       /* of the texels per W sr^-1 m^-2; 0: unknown, so that they are relative to each other alone */
     char name[256];     /* for messages: a file's path or a description of the sky */
     char layout[16];    /* a layout's name, as layout_parse reads it; "": the file's own, and lat-long for texels */
 
@@ -40,7 +41,7 @@ struct frame {
     struct recent recent_bytes, recent_rgb; /* recent sizes, bytes */
 };
 
-/* Reserve `size` bytes or width x height texels and set kind and size; the contents are undefined. ERR_NOMEM: the kind
+/* Reserve `size` bytes or width x height texels and set kind and size; the contents are undefined and without units. ERR_NOMEM: the kind
  * becomes FRAME_NONE. */
 MUST_CHECK enum err frame_reserve_bytes(struct frame *f, size_t size);
 /* See frame_reserve_bytes. */

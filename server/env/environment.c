@@ -95,6 +95,7 @@ void environment_configure(struct environment *e, const struct environment_desc 
     e->layout = desc->layout;
     e->rotation = desc->rotation_degrees * PI / 180.0;
     e->gain = (float)exp2(desc->scale_stops);
+    e->calibrated = desc->calibrated;
     e->importance = desc->importance;
     e->lean = desc->lean;
     e->decoder = desc->decoder;
@@ -216,10 +217,16 @@ enum err environment_decode(struct environment *e, const struct frame *f, struct
         return result;
     image_trim(&e->image);
     image_trim(&e->face);
+    e->units = f->units;
     e->number = f->number;
     e->capture_us = f->capture_us;
     memcpy(e->name, f->name, sizeof(e->name));
     return ERR_OK;
+}
+
+const char *environment_unit(const struct environment *e)
+{
+    return e->calibrated || fabs(e->units * (double)e->gain - 1.0) < 1e-6 ? "W sr^-1 m^-2" : "relative";
 }
 
 /* The user's choice, else the file's, else from the aspect ratio. */

@@ -66,6 +66,8 @@ struct environment {
     bool lean;                 /* (*) deferred to environment_complete */
     struct environment_rest *rest;
 
+    double units;    /* of the image, as those of the frame */
+    bool calibrated; /* by the gain, radiance is in W sr^-1 m^-2 */
     uint64_t number; /* the frame's own number */
     int64_t capture_us;
     char name[256];
@@ -77,6 +79,7 @@ struct environment_desc {
     enum layout layout; /* LAYOUT_AUTO: the file's */
     double rotation_degrees;
     double scale_stops;
+    bool calibrated; /* scale_stops makes real units of a captured map */
     enum importance importance;
     bool lean; /* a rebuild computes only what all methods need and defers the CDFs and the pyramid to
                   environment_complete */
@@ -126,6 +129,10 @@ void environment_set_faces(struct environment *e, const float *rgb);
 /* Logs one warning, the first time that a sequence contains values at the largest half float, LDR images (either may
  * clip the sun), or a lat-long image whose shape is not 2:1. *warned remembers the warning; initialise it to false. */
 void environment_warn_clipped(const struct environment *e, bool *warned);
+
+/* The unit of radiance, gain included, for reports: "W sr^-1 m^-2", or "relative" where a captured map or another scale
+ * leaves it open. Static. */
+const char *environment_unit(const struct environment *e);
 
 /* Radiance along w (unit, world) from the source image, interpolated bilinearly; on a cube map within each face.
  * Directions that the layout does not cover get the mean of those it covers. */

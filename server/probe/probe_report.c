@@ -311,6 +311,7 @@ static json_t *report_json(struct prober *p, const struct environment *e, const 
 
     if (!j)
         return NULL;
+    json_object_set_new(j, "unit", json_string(environment_unit(e)));
     json_object_set_new(j, "picture", rgb ? triple(rgb + 3 * ((size_t)q->y * g->width + q->x)) : json_null());
     json_object_set_new(j, "lamps", lamps ? lamps_json(lamps) : json_null());
     json_object_set_new(j, "pixel", q->figure ? json_null() : pixel_json(a));

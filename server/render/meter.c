@@ -149,6 +149,7 @@ enum err render_calibrate(struct render *r, struct reason *why)
             e = err_say(why, ERR_RANGE, "--calibrate: %s has no light from above", frame.name);
         else
             d->scale_stops += log2(r->desc.calibrate_lux / lux);
+        d->calibrated = !e;
     }
     environment_configure(r->environment, d);
     mem_free(weights);

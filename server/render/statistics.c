@@ -130,6 +130,7 @@ char *render_stats_text(struct render *r, const struct relight_stats *s, const s
 
     if (j && more) {
         json_object_update(j, more);
+        json_object_set_new(j, "unit", json_string(environment_unit(r->environment)));
         if (!method_is_reference(light->direct.method))
             json_object_set_new(j, "plan", plan_stats(s));
         if (s->bias)

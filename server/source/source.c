@@ -261,6 +261,7 @@ static enum err next_sky(struct source *s, struct frame *f, struct reason *why)
     sky_state_at(&s->sky, f->number, &state);
     snprintf(f->name, sizeof(f->name), "sky: frame %" PRIu64 ", sun at %.1f degrees", f->number,
              state.sun_elevation * 57.29577951308232);
+    f->units = s->sky.scale;
     sky_render(&s->sky, &state, f->rgb);
     if (s->frames.given && s->sky_frame == s->frames.last)
         s->sky_ended = true;
@@ -296,6 +297,7 @@ static enum err next_daylight(struct source *s, struct frame *f, struct reason *
     else
         snprintf(f->name, sizeof(f->name), "%.100s: %s, sun at %.1f degrees", d->weather.place, when,
                  m->altitude * 57.29577951308232);
+    f->units = d->scale;
     daylight_render(d, m, f->rgb);
     return ERR_OK;
 }

@@ -151,8 +151,14 @@ PY
 a_captured_map_is_calibrated() {
     constant_sky "$work/captured.hdr"
     local size=(--size 32x18 --samples 4 --paths direct)
-    "$render" "${size[@]}" --source "$work/captured.hdr" --calibrate 20000 --out "$work/calibrated.exr"
-    "$render" "${size[@]}" --source cie:5,lux=20000,ground=1 --out "$work/uniform.exr"
+    "$render" "${size[@]}" --source "$work/captured.hdr" --calibrate 20000 --out "$work/calibrated.exr" --stats "$work/calibrated.json"
+    "$render" "${size[@]}" --source cie:5,lux=20000,ground=1 --out "$work/uniform.exr" --stats "$work/uniform.json"
+    "$render" "${size[@]}" --source "$work/captured.hdr" --probe 9,9 >"$work/captured.json"
+    "$render" "${size[@]}" --source sky: --out "$work/sky.exr" --stats "$work/sky.json"
+    "$render" "${size[@]}" --source cie:5 --scale 1 --probe 9,9 >"$work/scaled.json"
+    local what
+    for what in calibrated uniform; do grep -q '"unit": *"W sr^-1 m^-2"' "$work/$what.json" || fail "$what has no unit"; done
+    for what in captured sky scaled; do grep -q '"unit": *"relative"' "$work/$what.json" || fail "$what is not relative"; done
     "$bin/relight-diff" "$work/calibrated.exr" "$work/uniform.exr" --max-mean 0.003 --max-relmse 1e-4 ||
         fail "the calibrated map is not the sky of 20,000 lx"
     expect 2 'calibrate has no meaning with --scale' "$render" --calibrate 5 --scale 1 --out "$work/x.exr"
