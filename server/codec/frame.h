@@ -41,8 +41,8 @@ struct frame {
     struct recent recent_bytes, recent_rgb; /* recent sizes, bytes */
 };
 
-/* Reserve `size` bytes or width x height texels and set kind and size; the contents are undefined and without units. ERR_NOMEM: the kind
- * becomes FRAME_NONE. */
+/* Reserve `size` bytes or width x height texels and set kind and size; the contents are undefined and without units.
+ * ERR_NOMEM: the kind becomes FRAME_NONE. */
 MUST_CHECK enum err frame_reserve_bytes(struct frame *f, size_t size);
 /* See frame_reserve_bytes. */
 MUST_CHECK enum err frame_reserve_texels(struct frame *f, uint32_t width, uint32_t height);
