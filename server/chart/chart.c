@@ -13,6 +13,7 @@
 #include "chart/winners.h"
 
 #include <errno.h>
+#include <omp.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -32,6 +33,8 @@ struct chart {
     size_t count, room;
     struct progress line;
     double begun;
+    bool ahead;          /* of a job: the references of panels are made, */
+    uint64_t cell, mine; /* the next panel, and the next one of this rank */
 };
 
 bool chart_next_item(const char **list, char title[128], char spec[4096])
@@ -205,6 +208,22 @@ static enum err light_init(struct light *l, const char *spec, struct reason *why
     return e;
 }
 
+/* The references of the next panel, if it is this rank's. Rank 0 finds them in the cache later. */
+static enum err make_ahead(struct chart *c, const struct panel_desc *d, struct reason *why)
+{
+    struct truth_desc t = panel_truth(d);
+    struct truth truth;
+
+    if (c->cell++ != c->mine)
+        return ERR_OK;
+    t.line = NULL;
+    const enum err e = truth_make(&t, &truth, why);
+    if (!e)
+        truth_finish(&truth);
+    c->mine = ranks_take(c->desc->ranks);
+    return e;
+}
+
 /* Both classes of light. */
 static enum err run_sky(struct chart *c, const struct set *set, const char *scene, const char *source, const char *spec,
                         struct reason *why)
@@ -223,6 +242,10 @@ static enum err run_sky(struct chart *c, const struct set *set, const char *scen
         d.frame = &l.frame;
         d.table_ms = l.table_ms;
         d.line = &c->line;
+        if (c->ahead) {
+            e = make_ahead(c, &d, why);
+            continue;
+        }
         e = panel_measure(&d, &c->panels[c->count], why);
         c->count += !e;
         if (!e)
@@ -309,15 +332,37 @@ static enum err check(struct chart *c, struct reason *why)
     return ERR_OK;
 }
 
+static enum err run_all(struct chart *c, struct reason *why)
+{
+    const char *list = c->desc->scenes;
+    char title[128], spec[4096];
+    enum err e = ERR_OK;
+
+    while (!e && chart_next_item(&list, title, spec))
+        e = run_scene(c, title, spec, why);
+    return e;
+}
+
+/* Of a job. */
+static enum err run_ahead(struct chart *c, struct reason *why)
+{
+    c->ahead = true;
+    c->mine = ranks_take(c->desc->ranks);
+    const enum err e = ranks_agree(c->desc->ranks, run_all(c, why), why);
+    c->ahead = false;
+    omp_set_num_threads(c->desc->threads);
+    return e;
+}
+
 enum err chart_run(const struct chart_desc *desc, struct reason *why)
 {
     struct chart c = { .desc = desc, .begun = clock_seconds() };
-    const char *list = desc->scenes;
-    char title[128], spec[4096];
 
-    enum err e = check(&c, why);
-    while (!e && chart_next_item(&list, title, spec))
-        e = run_scene(&c, title, spec, why);
+    enum err e = ranks_agree(desc->ranks, check(&c, why), why);
+    if (!e && desc->ranks)
+        e = run_ahead(&c, why);
+    if (!e && ranks_index(desc->ranks) == 0)
+        e = run_all(&c, why);
     progress_end(&c.line);
     for (size_t k = 0; k < c.count; k++) {
         panel_destroy(c.panels[k]);
@@ -326,5 +371,5 @@ enum err chart_run(const struct chart_desc *desc, struct reason *why)
     mem_free(c.panels);
     mem_free(c.winners);
     mem_free(c.sections);
-    return e && !why->text[0] ? err_say(why, e, "%s", err_text(e)) : e;
+    return e && !why->text[0] && !desc->ranks ? err_say(why, e, "%s", err_text(e)) : e;
 }

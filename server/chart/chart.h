@@ -5,6 +5,7 @@
 #define CHART_CHART_H
 
 #include "base/err.h"
+#include "ranks/ranks.h"
 #include "reader/reader.h"
 
 #include <stdbool.h>
@@ -28,6 +29,11 @@ struct chart_desc {
     bool every_pixel;
     uint32_t truth_samples; /* of each reference, per pixel */
     bool progress;          /* a line on standard error, if that is a terminal */
+    /* NULL: one process. Otherwise the ranks of a job first share out the references of all panels, for which they need
+     * the same cache folder; then rank 0 measures times alone, on `threads` threads, and writes the files. chart_run is
+     * then collective; other ranks return when the references are there. */
+    struct ranks *ranks;
+    int threads;
 };
 
 /* Writes chart.csv, runs.csv, index.html and the charts' SVG files. ERR_USAGE: a list is invalid, which is

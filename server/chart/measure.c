@@ -123,11 +123,9 @@ static enum err set_up(struct runs *r, struct reason *why)
     return ERR_OK;
 }
 
-static enum err find_truth(struct runs *r, struct reason *why)
+struct truth_desc panel_truth(const struct panel_desc *d)
 {
-    const struct panel_desc *d = r->desc;
-    struct panel *p = r->panel;
-    const struct truth_desc t = {
+    return (struct truth_desc){
         .set = d->set,
         .environment = d->environment,
         .frame = d->frame,
@@ -136,6 +134,12 @@ static enum err find_truth(struct runs *r, struct reason *why)
         .cache = d->cache,
         .line = d->line,
     };
+}
+
+static enum err find_truth(struct runs *r, struct reason *why)
+{
+    struct panel *p = r->panel;
+    const struct truth_desc t = panel_truth(r->desc);
     struct reason fault = { "" };
 
     enum err e = truth_make(&t, &p->truth, why);

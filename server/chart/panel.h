@@ -95,6 +95,9 @@ uint64_t panel_work(const struct panel_desc *desc);
 MUST_CHECK enum err panel_measure(const struct panel_desc *desc, struct panel **out, struct reason *why);
 void panel_destroy(struct panel *p); /* NULL is allowed */
 
+/* The references that a panel needs. */
+struct truth_desc panel_truth(const struct panel_desc *desc);
+
 /* Frees pictures and references, most of the memory; the rest serves the tables. */
 void panel_drop_pictures(struct panel *p);
 

@@ -19,6 +19,7 @@ struct chart_program {
     struct setup setup; /* of which size, camera rays, cpu and threads are used */
     struct chart_desc desc;
     bool quick;
+    char name[200]; /* of a rank, in the log */
 };
 
 #define CHARTED .section = "Scenes and techniques"
@@ -68,6 +69,33 @@ static enum err read_options(const struct command *c, struct chart_program *char
     return e;
 }
 
+/* Alone, or with the other ranks of a job. */
+static enum err run(struct chart_program *chart, int argc, char **argv, struct reason *why)
+{
+    struct chart_desc *d = &chart->desc;
+    const struct ranks_desc job = { "relight-chart", d->kernels->level, argc, argv };
+    enum err e = ranks_create(&job, &d->ranks, why);
+    const bool together = d->ranks || (e && !why->text[0]);
+
+    d->threads = omp_get_max_threads();
+    if (d->ranks) {
+        snprintf(chart->name, sizeof(chart->name), "relight-chart, %s", ranks_name(d->ranks));
+        log_init(chart->name, LOG_INFO);
+        d->progress = ranks_index(d->ranks) == 0;
+        if (!chart->setup.threads)
+            omp_set_num_threads((int)ranks_threads(d->ranks));
+    }
+    if (!e)
+        e = chart_run(d, why);
+    /* Wrong usage is the same on all ranks, and an error that is another rank's is told there. */
+    if (e && !(together && (!why->text[0] || (e == ERR_USAGE && ranks_index(d->ranks) > 0))))
+        log_error("%s", why->text[0] ? why->text : err_text(e));
+    else if (!e && ranks_index(d->ranks) == 0)
+        log_info("%s/index.html is the page to open", d->out);
+    ranks_destroy(d->ranks);
+    return e;
+}
+
 /* The command line again, for the page. */
 static void join(int argc, char **argv, char *text, size_t size)
 {
@@ -110,10 +138,7 @@ int main(int argc, char **argv)
     if (!e)
         e = read_options(&command, &chart, &why);
     if (!e)
-        e = chart_run(&chart.desc, &why);
-    if (e)
-        log_error("%s", why.text[0] ? why.text : err_text(e));
-    else
-        log_info("%s/index.html is the page to open", chart.desc.out);
+        return err_exit_code(run(&chart, argc, argv, &why));
+    log_error("%s", why.text[0] ? why.text : err_text(e));
     return err_exit_code(e);
 }

@@ -152,4 +152,16 @@ a_machine_without_gnuplot_is_told() {
     expect 1 'gnuplot-nox' env PATH="$work/empty" "$bin/relight-chart" --quick --out "$work/o"
 }
 
+# Ranks make the references; rank 0 finds them in the cache and measures. The pictures' errors are those of one process.
+ranks_share_out_the_references_of_a_chart() {
+    begin_jobs
+    local flags=(--techniques faces --sources 'noon=sky:hour=12,size=64x32;grey=sky:hour=12,size=64x32,turbidity=10')
+    chart alone "${flags[@]}" --cache alone.cache
+    mpirun --oversubscribe -n 2 "$bin/relight-chart" --quick --size 24x14 --seeds 4 --budgets 4,16 --reference 64 \
+        "${flags[@]}" --cache joint.cache --out joint 2>log || { cat log; fail "a chart by two ranks"; }
+    [ "$(cd alone.cache && ls)" = "$(cd joint.cache && ls)" ] || fail "other references: $(ls joint.cache)"
+    for file in alone.cache/*; do cmp "$file" "joint.cache/${file#*/}"; done
+    [ -s joint/index.html ] || fail "no page"
+}
+
 "$1"
