@@ -1,4 +1,4 @@
-#include "team/team.h"
+#include "team/team_parts.h"
 
 #include "base/cancel.h"
 #include "base/clock.h"
@@ -9,15 +9,13 @@
 #include "light/relight_passes.h"
 #include "scene/scene_digest.h"
 #include "team/share.h"
-#include "team/work.h"
 
 #include <math.h>
 #include <string.h>
 
-#define SMOOTH 0.1 /* weight of a picture in a rank's measured speed, */
-#define SOON 0.4   /* and while shares are not settled */
-#define LEAST 0.02 /* of the fastest rank's speed: with no share at all, it would never be measured again */
-#define BLOCK (3 * PACKET)
+#define SMOOTH 0.1          /* weight of a picture in a rank's measured speed, */
+#define SOON 0.4            /* and while shares are not settled */
+#define LEAST 0.02          /* of the fastest rank's speed: with no share at all, it would never be measured again */
 #define BLOCK_PACKETS 4     /* at most, of a block of the cache */
 #define MARGIN (1.0 / 16.0) /* a rank keeps the packets of its share and this part of a mean share on either side, */
 #define MARGIN_MIN 8        /* and some packets, since parts begin at blocks; */
@@ -25,104 +23,12 @@
 #define FIRST 12            /* of so many pictures with a cache */
 #define RANGE 2.0           /* initial shares differ from the mean by 2^-RANGE .. 2^RANGE */
 
-/* The first message of a picture, followed by the cuts, the packed sky and the faces. */
-struct order {
-    /* prepare: work.cached is the request. Keep: the cuts that follow are the shares from now on. */
-    enum order_kind { ORDER_PICTURE, ORDER_PREPARE, ORDER_KEEP, ORDER_LEAVE } kind;
-    bool narrow; /* ranks light those of their parts: faces follow */
-    uint64_t sky, faces;
-    struct light_work work;
-};
-
-/* What a rank sends before its part's light. */
-struct answer {
-    int64_t error;
-    double seconds;
-    uint64_t rays, memory;
-};
-
-struct bytes {
-    uint8_t *at;
-    size_t capacity;
-};
-
-/* A picture of which rank 0 has sent the order. */
-struct dealt {
-    bool open;
-    const struct environment *e;
-    struct order order;
-    uint32_t *cuts; /* [count + 1]: rank k has packets cuts[k] .. cuts[k + 1] - 1 */
-    struct bytes out, in;
-};
-
-struct team {
-    struct team_desc desc;
-    uint32_t own, count;
-    struct light_team light;
-    struct team_stats stats;
-    struct environment *environment; /* of other ranks */
-    double *speed;                   /* [count]: packets a second; 0: not measured yet */
-    uint32_t *shares;                /* [count + 1]: initial cuts, about which ranks keep packets */
-    struct dealt dealt[2];           /* rank 0: this picture's, dealt[turn], and the next one's */
-    int turn;
-    team_next *next; /* NULL: pictures are not known ahead */
-    void *next_context;
-    double end_s;   /* when the last picture's points were complete; 0: others had no order meanwhile */
-    uint32_t *cuts; /* dealt[0].cuts, of other ranks */
-    struct cache_share share;
-    uint32_t first;          /* rank 0: pictures with a cache so far, up to FIRST */
-    bool settled;            /* shares are measured, and each rank keeps its own */
-    struct order order;      /* rank 0: of ORDER_KEEP */
-    bool together;           /* the caches were computed or loaded by all ranks */
-    bool released;           /* packets of other ranks */
-    struct bytes in, out[2]; /* of other ranks' messages; out[turn] is the next answer, */
-    struct answer failure;   /* or this */
-    double held_s;           /* seconds that the last answer waited for the one before it to be sent */
-};
-
-static uint32_t packets_of(const struct team *t)
-{
-    return relighter_set(t->desc.relighter)->gbuffer->packet_count;
-}
-
 static uint32_t margin_of(const struct team *t, bool settled)
 {
     return (uint32_t)((settled ? MARGIN : MARGIN_FIRST) * packets_of(t) / t->count) + MARGIN_MIN;
 }
 
-static uint8_t *room_for(struct bytes *b, size_t size)
-{
-    if (size <= b->capacity)
-        return b->at;
-    mem_free(b->at);
-    b->at = mem_alloc_raw(size, 1);
-    b->capacity = b->at ? size : 0;
-    return b->at;
-}
-
-static size_t value_bytes(const struct team *t)
-{
-    return t->desc.half ? sizeof(uint16_t) : sizeof(float);
-}
-
-static size_t answer_bytes(const struct team *t, uint32_t packets)
-{
-    return sizeof(struct answer) + (size_t)packets * BLOCK * value_bytes(t);
-}
-
 /* ---- Light in messages ---- */
-
-static void pack_light(const struct team *t, const float *lo, size_t values, uint8_t *out)
-{
-    if (!t->desc.half) {
-        memcpy(out, lo, values * sizeof(float));
-        return;
-    }
-    uint16_t *to = (uint16_t *)(void *)out;
-#pragma omp parallel for schedule(static)
-    for (size_t i = 0; i < values; i++)
-        to[i] = half_round(lo[i] < 65504.0f ? lo[i] : 65504.0f);
-}
 
 static void unpack_light(const struct team *t, const uint8_t *in, float *lo, size_t values)
 {
@@ -209,7 +115,7 @@ static void share_out(struct team *t)
 }
 
 /* The shares are known: frees the rest. */
-static enum err settle(struct team *t)
+enum err team_settle(struct team *t)
 {
     t->settled = true;
     choose_kept(t);
@@ -258,11 +164,6 @@ static void learn(struct team *t, uint32_t rank, uint32_t packets, double second
         most = t->speed[k] > most ? t->speed[k] : most;
     if (t->speed[rank] < LEAST * most)
         t->speed[rank] = LEAST * most;
-}
-
-static size_t cuts_bytes(const struct team *t)
-{
-    return ((size_t)t->count + 1) * sizeof(uint32_t);
 }
 
 static int turn_of(const struct team *t, const struct dealt *d)
@@ -404,7 +305,7 @@ static enum err settle_all(struct team *t, const struct transport *cache)
     enum err e = ranks_begin_broadcast(t->desc.ranks, turn, &t->order, sizeof(t->order));
     if (!e)
         e = ranks_begin_broadcast(t->desc.ranks, turn, t->shares, cuts_bytes(t));
-    return e ? e : settle(t);
+    return e ? e : team_settle(t);
 }
 
 /* Orders the next picture, if it is known. What fails here fails again when it is made, and is reported then. */
@@ -499,113 +400,6 @@ void team_look_ahead(struct team *t, team_next *next, void *context)
 {
     t->next = next;
     t->next_context = context;
-}
-
-/* ---- Other ranks ---- */
-
-static enum err take_sky(struct team *t, const struct order *order, const struct picture_passes *passes,
-                         const struct plan *plan)
-{
-    const size_t cuts = cuts_bytes(t);
-    struct transport *cache = relighter_transport(t->desc.relighter, passes);
-    enum err e = ERR_OK;
-
-    if (order->sky) {
-        transport_gather(cache);
-        t->environment->ready = true;
-        e = transport_unpack_sky(cache, t->in.at + cuts + order->faces, order->sky,
-                                 relighter_indirect(t->desc.relighter, passes, plan), t->environment);
-    }
-    if (!e && order->faces) /* last: the unpacking clears the texels that were bright in the picture before */
-        environment_set_faces(t->environment, (const float *)(const void *)(t->in.at + cuts));
-    return e;
-}
-
-/* Loads or computes the caches of a request together with the other ranks. An error is rank 0's, too. */
-static void prepare(struct team *t, const struct order *order)
-{
-    struct relight_desc request = order->work.cached;
-    struct reason why = { "" };
-    double ms;
-
-    request.cache_file = t->desc.cache_file;
-    request.cache_dir = t->desc.cache_dir;
-    request.direct.cancel = t->desc.cancel;
-    request.direct.why = &why;
-    if (relighter_prepare(t->desc.relighter, &request, false, &ms) && why.text[0])
-        log_error("%s", why.text);
-}
-
-/* Lights this rank's part and sends it, or in its stead *failed, by which rank 0 ends the picture. */
-static enum err serve_one(struct team *t, const struct order *order, float *lo, enum err *failed)
-{
-    struct picture_passes passes;
-    struct relight_stats stats = { 0 };
-
-    memcpy(t->cuts, t->in.at, cuts_bytes(t));
-    const struct light_part part = { t->cuts[t->own], t->cuts[t->own + 1],
-                                     order->narrow ? TRANSPORT_NARROW_OWN : TRANSPORT_NARROW_NONE, order->sky > 0 };
-    const uint32_t packets = part.end - part.first;
-    const double start = clock_seconds();
-    enum err e = light_work_unpack(t->desc.relighter, &order->work, &passes, &stats);
-    if (!e)
-        e = take_sky(t, order, &passes, &stats.plan);
-    if (!e)
-        e = relighter_run_part(t->desc.relighter, t->environment, &passes, &part, lo, &stats);
-    const size_t size = answer_bytes(t, packets);
-    uint8_t *out = room_for(&t->out[t->turn], size); /* the answer before may still be on its way */
-    t->turn = !t->turn;
-    const double lit_s = clock_seconds() - start, seconds = lit_s + t->held_s; /* a slow link counts like a slow rank */
-    t->stats.part_s += lit_s;
-    e = e || out ? e : ERR_NOMEM;
-    const struct answer a = { e, seconds, stats.direct.rays, relighter_memory(t->desc.relighter) };
-    *failed = e;
-    t->failure = a;
-    if (e)
-        return ranks_send(t->desc.ranks, &t->failure, sizeof(a));
-    memcpy(out, &a, sizeof(a));
-    pack_light(t, lo + (size_t)part.first * BLOCK, (size_t)packets * BLOCK, out + sizeof(a));
-    const double packed = clock_seconds();
-    e = ranks_send(t->desc.ranks, out, size);
-    t->held_s = clock_seconds() - packed;
-    return e;
-}
-
-enum err team_serve(struct team *t, struct reason *why)
-{
-    float *lo = mem_alloc(packets_of(t), BLOCK * sizeof(*lo));
-    struct order order;
-    enum err e = ERR_OK, failed = ERR_OK;
-
-    if (!lo)
-        ranks_abort(t->desc.ranks, "out of memory for this rank's part of a picture");
-    while (!e) {
-        e = ranks_broadcast(t->desc.ranks, &order, sizeof(order));
-        if (e || order.kind == ORDER_LEAVE)
-            break;
-        if (order.kind == ORDER_PREPARE) {
-            prepare(t, &order);
-            continue;
-        }
-        if (order.kind == ORDER_KEEP) {
-            e = ranks_broadcast(t->desc.ranks, t->shares, cuts_bytes(t));
-            if (!e && settle(t))
-                ranks_abort(t->desc.ranks, "out of memory for this rank's part of the cache");
-            continue;
-        }
-        const size_t size = cuts_bytes(t) + order.sky + order.faces;
-        if (!room_for(&t->in, size))
-            ranks_abort(t->desc.ranks, "out of memory for the sky of a picture");
-        e = ranks_broadcast(t->desc.ranks, t->in.at, size);
-        if (!e)
-            e = serve_one(t, &order, lo, &failed);
-    }
-    const enum err sent = e ? e : ranks_sent(t->desc.ranks);
-    mem_free(lo);
-    e = e ? e : sent;
-    if (e)
-        return err_say(why, e, "rank 0 does not answer any more");
-    return failed ? err_say(why, failed, "this rank's part of a picture: %s", err_text(failed)) : ERR_OK;
 }
 
 /* ---- Begin and end ---- */

@@ -1,0 +1,100 @@
+/* Inside a team: what its files share. Private. Thread: the relighter's. */
+#ifndef TEAM_TEAM_PARTS_H
+#define TEAM_TEAM_PARTS_H
+
+#include "base/mem.h"
+#include "cache/cache_share.h"
+#include "team/team.h"
+#include "team/work.h"
+
+#define BLOCK (3 * PACKET) /* floats of a packet */
+
+/* The first message of a picture, followed by the cuts, the packed sky and the faces. */
+struct order {
+    /* prepare: work.cached is the request. Keep: the cuts that follow are the shares from now on. */
+    enum order_kind { ORDER_PICTURE, ORDER_PREPARE, ORDER_KEEP, ORDER_LEAVE } kind;
+    bool narrow; /* ranks light those of their parts: faces follow */
+    uint64_t sky, faces;
+    struct light_work work;
+};
+
+/* What a rank sends before its part's light. */
+struct answer {
+    int64_t error;
+    double seconds;
+    uint64_t rays, memory;
+};
+
+struct bytes {
+    uint8_t *at;
+    size_t capacity;
+};
+
+/* A picture of which rank 0 has sent the order. */
+struct dealt {
+    bool open;
+    const struct environment *e;
+    struct order order;
+    uint32_t *cuts; /* [count + 1]: rank k has packets cuts[k] .. cuts[k + 1] - 1 */
+    struct bytes out, in;
+};
+
+struct team {
+    struct team_desc desc;
+    uint32_t own, count;
+    struct light_team light;
+    struct team_stats stats;
+    struct environment *environment; /* of other ranks */
+    double *speed;                   /* [count]: packets a second; 0: not measured yet */
+    uint32_t *shares;                /* [count + 1]: initial cuts, about which ranks keep packets */
+    struct dealt dealt[2];           /* rank 0: this picture's, dealt[turn], and the next one's */
+    int turn;
+    team_next *next; /* NULL: pictures are not known ahead */
+    void *next_context;
+    double end_s;   /* when the last picture's points were complete; 0: others had no order meanwhile */
+    uint32_t *cuts; /* dealt[0].cuts, of other ranks */
+    struct cache_share share;
+    uint32_t first;          /* rank 0: pictures with a cache so far, up to FIRST */
+    bool settled;            /* shares are measured, and each rank keeps its own */
+    struct order order;      /* rank 0: of ORDER_KEEP */
+    bool together;           /* the caches were computed or loaded by all ranks */
+    bool released;           /* packets of other ranks */
+    struct bytes in, out[2]; /* of other ranks' messages; out[turn] is the next answer, */
+    struct answer failure;   /* or this */
+    double held_s;           /* seconds that the last answer waited for the one before it to be sent */
+};
+
+static inline uint32_t packets_of(const struct team *t)
+{
+    return relighter_set(t->desc.relighter)->gbuffer->packet_count;
+}
+
+static inline uint8_t *room_for(struct bytes *b, size_t size)
+{
+    if (size <= b->capacity)
+        return b->at;
+    mem_free(b->at);
+    b->at = mem_alloc_raw(size, 1);
+    b->capacity = b->at ? size : 0;
+    return b->at;
+}
+
+static inline size_t value_bytes(const struct team *t)
+{
+    return t->desc.half ? sizeof(uint16_t) : sizeof(float);
+}
+
+static inline size_t answer_bytes(const struct team *t, uint32_t packets)
+{
+    return sizeof(struct answer) + (size_t)packets * BLOCK * value_bytes(t);
+}
+
+static inline size_t cuts_bytes(const struct team *t)
+{
+    return ((size_t)t->count + 1) * sizeof(uint32_t);
+}
+
+/* team.c: t->shares are known: frees what other ranks need. ERR_NOMEM. */
+MUST_CHECK enum err team_settle(struct team *t);
+
+#endif
