@@ -145,7 +145,7 @@ enum protocol_result protocol_picture_decode(const uint8_t *bytes, size_t length
 
     if (length < header || length - header != d.payload || d.payload == 0)
         return PROTOCOL_LENGTH;
-    if (bytes[6] < PROTOCOL_JPEG || bytes[6] > PROTOCOL_H264)
+    if (bytes[6] < PROTOCOL_JPEG || bytes[6] > PROTOCOL_CHANGES)
         return PROTOCOL_FORMAT;
     if (!side_ok(d.width) || !side_ok(d.height))
         return PROTOCOL_SIZE;

@@ -45,7 +45,8 @@ enum protocol_format {
     PROTOCOL_JPEG = 1,     /* tone-mapped sRGB, baseline JPEG */
     PROTOCOL_EXR_HALF = 2, /* linear Rec.709 before exposure */
     PROTOCOL_EXR_FLOAT = 3,
-    PROTOCOL_H264 = 4, /* tone-mapped, one access unit of H.264 in Annex B form */
+    PROTOCOL_H264 = 4,    /* tone-mapped, one access unit of H.264 in Annex B form */
+    PROTOCOL_CHANGES = 5, /* which pixels changed, as PNG */
 };
 
 enum {

@@ -9,7 +9,7 @@ export const PICTURE_BYTES = 80;
 const HEADER_MAX = 1024;
 const SIDE_MAX = 16384;
 
-export const FORMATS = { 1: 'jpeg', 2: 'exr_half', 3: 'exr_float', 4: 'h264' };
+export const FORMATS = { 1: 'jpeg', 2: 'exr_half', 3: 'exr_float', 4: 'h264', 5: 'changes' };
 
 export const FLAG_REPEAT = 2;
 export const FLAG_FINER = 32; // a refinement of the frame shown before

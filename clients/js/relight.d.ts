@@ -11,7 +11,7 @@ export const FLAG_FINER: number;
 export const FLAG_KEY: number;
 export const MAGIC_PICTURE: number;
 
-export type Format = 'jpeg' | 'h264' | 'exr_half' | 'exr_float';
+export type Format = 'jpeg' | 'h264' | 'exr_half' | 'exr_float' | 'changes';
 export type Role = 'viewer' | 'controller';
 
 /** PROTOCOL.md section 6. Times are microseconds since 1970 by the server's clock, durations microseconds. */

@@ -10,7 +10,7 @@ export { Player } from './player.js';
 export { Video, codecOf, whyNoVideo } from './video.js';
 export * from './protocol.js';
 
-const CODINGS = ['jpeg', 'h264', 'exr_half', 'exr_float'];
+const CODINGS = ['jpeg', 'h264', 'exr_half', 'exr_float', 'changes'];
 
 // The server refused a request or the connection.
 export class RelightError extends Error {
@@ -39,14 +39,14 @@ export function address(text) {
 // Connects, and connects again after interruptions, until stop(). welcome, status, settings and state are the newest ones.
 export class Relight {
   // decode: pictures have a `bitmap` (a VideoFrame or ImageBitmap, to be closed), H.264 where possible, else JPEG; true where the
-  // browser can. Otherwise they have a `payload`, encoded as `coding` says: 'jpeg', 'h264', 'exr_half' or 'exr_float'.
+  // browser can. Otherwise they have a `payload`, encoded as `coding` says: 'jpeg', 'h264', 'exr_half', 'exr_float' or 'changes'.
   // on: {picture, status, state, settings, heard, error}, all optional. WebSocket: where there is no global one.
   constructor(text, options = {}) {
     const { url, token } = address(text);
     const { role = 'viewer', coding, decode = !coding && typeof globalThis.createImageBitmap === 'function', on = {} } = options;
     if (role !== 'viewer' && role !== 'controller') throw new TypeError(`role ${role}: expected 'viewer' or 'controller'`);
     if (coding !== undefined && !CODINGS.includes(coding)) throw new TypeError(`coding ${coding}: expected one of ${CODINGS.join(', ')}`);
-    if (decode && coding?.startsWith('exr')) throw new TypeError(`coding ${coding} cannot be decoded here: decode must be false`);
+    if (decode && (coding?.startsWith('exr') || coding === 'changes')) throw new TypeError(`coding ${coding} cannot be decoded here: decode must be false`);
     this.on = on;
     this.state = { name: 'connecting' };
     this.asked = new Map(); // requests without an answer: {op, resolve, reject}

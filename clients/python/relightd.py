@@ -34,7 +34,7 @@ UNREADABLE_MOST = 10  # pictures in a row
 PICTURE = struct.Struct("<4sHBBQQqqIIIIIIfIII")
 FRAME = struct.Struct("<4sHBBBBHIIIQqQ")
 
-FORMATS = {1: "jpeg", 2: "exr_half", 3: "exr_float", 4: "h264"}
+FORMATS = {1: "jpeg", 2: "exr_half", 3: "exr_float", 4: "h264", 5: "changes"}
 LAYOUTS = {"auto": 0, "latlong": 1, "cube": 2, "hcross": 3, "vcross": 4, "ball": 5, "fisheye": 6, "cube-3x2": 7, "cube-6x1": 8}
 
 LAST, REPEAT, LOCKSTEP, HALF, QUARTER, FINER, KEY = (1 << i for i in range(7))  # Picture.flags
@@ -75,7 +75,7 @@ class Closed(Error):
 @dataclasses.dataclass
 class Picture:
     """A picture of the server. Times are microseconds since 1970 by the server's clock, durations microseconds."""
-    format: str  # "jpeg", "exr_half", "exr_float" or "h264"
+    format: str  # "jpeg", "exr_half", "exr_float", "h264" or "changes"
     flags: int
     sequence: int
     frame: int  # the number of the sky
@@ -98,13 +98,14 @@ class Picture:
         return read_exr(self.payload)
 
     def pixels(self):
-        """uint8[height, width, 3]: sRGB. Of JPEG pictures."""
-        if self.format != "jpeg":
+        """uint8[height, width, 3]: sRGB, of JPEG pictures; of changes 255 where a pixel changed, its light was computed, and rays
+        were traced (6.8), else 0."""
+        if self.format not in ("jpeg", "changes"):
             raise ValueError(f'a picture of format {self.format} has no pixels here: subscribe to "jpeg"')
         try:
             from PIL import Image
         except ImportError as fault:
-            raise ImportError("pixels() needs Pillow (Debian: python3-pil); payload is the JPEG file") from fault
+            raise ImportError("pixels() needs Pillow (Debian: python3-pil); payload is the JPEG or PNG file") from fault
         return numpy.asarray(Image.open(io.BytesIO(self.payload)).convert("RGB"))
 
 
@@ -303,7 +304,7 @@ class Client:
     # -- pictures
 
     async def subscribe(self, format="jpeg", **limits):
-        """Which pictures come: "jpeg", "exr_half", "exr_float" or "h264"; limits: quality, max_rate, max_width, max_height (4.3).
+        """Which pictures come: "jpeg", "exr_half", "exr_float", "h264" or "changes" (a PNG); limits: quality, max_rate, max_width, max_height (4.3).
         Refused: the server does not offer it."""
         if format not in FORMATS.values():
             raise ValueError(f"format {format!r}: expected one of {', '.join(FORMATS.values())}")

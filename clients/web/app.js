@@ -17,7 +17,7 @@ import {
 import { startTheme, switchTheme } from './theme.js';
 
 // Independent panels and tools, each with `export function mount(app)`. A failing one does not affect the others.
-const MODULES = ['./controls.js', './probe.js', './snapshot.js', './compare.js', './insight.js', './sky_panel.js', './daylight.js'];
+const MODULES = ['./controls.js', './probe.js', './snapshot.js', './compare.js', './insight.js', './changes.js', './sky_panel.js', './daylight.js'];
 
 const $ = (id) => document.getElementById(id);
 

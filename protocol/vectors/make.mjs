@@ -17,7 +17,7 @@ function bytesOf(fields) {
   }));
 }
 
-const formats = { jpeg: 1, exr_half: 2, exr_float: 3, h264: 4 };
+const formats = { jpeg: 1, exr_half: 2, exr_float: 3, h264: 4, changes: 5 };
 const encodings = { file_exr: 1, file_hdr: 2, raw_half: 3, raw_float: 4 };
 const layouts = ['auto', 'latlong', 'cube', 'hcross', 'vcross', 'ball', 'fisheye', 'cube-3x2', 'cube-6x1'];
 
@@ -65,6 +65,7 @@ const bad = (name, about, header, payload, fails, options) =>
 
 good('picture_least', 'the smallest picture', plain, jpeg);
 good('picture_full', 'every field different and at an edge', full, [1, 2, 3, 4, 5, 6, 7]);
+good('picture_changes', 'a change map', { ...plain, format: 'changes', payload: 5 }, [0x89, 0x50, 0x4e, 0x47, 0x0d]);
 good('picture_h264', 'a key picture of H.264', { ...plain, format: 'h264', flags: 64, payload: 5 }, [0, 0, 0, 1, 0x67]);
 good('picture_longer_header', 'a later minor version: 8 more bytes of header, and a flag nobody knows yet',
   { ...plain, flags: 128 }, jpeg, { length: 88, extra: [9, 9, 9, 9, 9, 9, 9, 9] });
@@ -75,7 +76,7 @@ bad('picture_header_beyond', 'a header that ends behind the message', plain, jpe
 bad('picture_payload_lies', 'a payload length of 2^32 - 1', { ...plain, payload: 4294967295 }, jpeg, '6.3');
 bad('picture_payload_none', 'no payload', { ...plain, payload: 0 }, [], '6.3');
 bad('picture_payload_over', 'one byte too many', plain, [...jpeg, 0], '6.3');
-bad('picture_format', 'format 5', { ...plain, format: 5 }, jpeg, '6.4');
+bad('picture_format', 'format 6', { ...plain, format: 6 }, jpeg, '6.4');
 bad('picture_width', 'a width of 0', { ...plain, width: 0 }, jpeg, '6.5');
 bad('picture_height', 'a height of 16385', { ...plain, height: 16385 }, jpeg, '6.5');
 bad('picture_sequence_none', 'sequence 0', { ...plain, sequence: 0 }, jpeg, '6.6');

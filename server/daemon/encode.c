@@ -2,6 +2,7 @@
 
 #include "base/clock.h"
 #include "codec/exr_write.h"
+#include "codec/png_write.h"
 #include "base/log.h"
 #include "base/mem.h"
 
@@ -140,6 +141,31 @@ static void encode_exr(struct encode_thread *t, struct shaded *in, enum protocol
     mem_free(bytes);
 }
 
+/* Which pixels changed, for those who subscribe to that. It answers no producer. */
+static void encode_changes(struct encode_thread *t, const struct shaded *in)
+{
+    const struct png_desc desc = { .samples = in->changes, .width = in->header.width, .height = in->header.height };
+    const double start = clock_seconds();
+    struct protocol_picture header = in->header;
+    struct picture *p = NULL;
+    struct reason why = { "out of memory" };
+    uint8_t *bytes = NULL;
+    size_t size;
+
+    if (!in->has_changes)
+        return;
+    if (png_encode(&desc, &bytes, &size, &why) == ERR_OK) {
+        header.format = PROTOCOL_CHANGES;
+        header.encoded_us = (uint32_t)(1e6 * (clock_seconds() - start));
+        p = picture_create(&header, bytes, size);
+    }
+    if (p)
+        server_publish(t->shared->server, p);
+    else
+        log_error("frame %llu: no change map: %s", (unsigned long long)header.frame, why.text);
+    mem_free(bytes);
+}
+
 /* Makes t->display[0], which is kept for viewers that connect before the next picture. Returns the milliseconds
  * spent. */
 static double make_display(struct encode_thread *t, const struct shaded *in)
@@ -209,6 +235,7 @@ void encode_picture(struct encode_thread *t, struct shaded *in)
             t->sent_exr |= 1u << now;
         }
     }
+    encode_changes(t, in);
     close_ticket(t, in);
     status_picture_encoded(&t->shared->status, ms);
     for (unsigned scale = 1; scale < SERVER_SCALES; scale++)

@@ -91,7 +91,7 @@ static void publish_picture(struct shade_thread *t, uint64_t passes)
         out->header.samples = (uint32_t)fmin((double)passes * shown->light.direct.samples, UINT32_MAX);
     }
     out->ticket = (struct server_ticket){ .id = 0 };
-    out->new_view = false;
+    out->new_view = out->has_changes = false;
     shown->latest = out; /* the slots rotate */
     probe_report_picture(t, out);
     picture_slots_publish(&t->shared->pictures, slot, t->shared->server);

@@ -101,6 +101,21 @@ static enum err light_frame(struct shade_thread *t, const struct ingested *in, f
     return decider_run(&t->decider, r, in->environment, &l->request, &l->decision, rgb, &l->stats, &l->pilot);
 }
 
+/* Fills in a picture's change map, for those who subscribe to them. first: nothing before it counts. */
+static void find_changes(struct shade_thread *t, struct shaded *out, const struct lighting *l, bool lockstep,
+                         bool first)
+{
+    struct server_demand demand;
+
+    shared_demand(t->shared, &demand);
+    const bool asked = demand.formats >> PROTOCOL_CHANGES & 1 && !lockstep;
+    if (!asked || first)
+        changes_forget(&t->changes);
+    out->has_changes = asked && !changes_take(&t->changes, t->relighter, &l->stats, out->rgb);
+    if (out->has_changes)
+        changes_paint(&t->changes, out->changes);
+}
+
 static void publish(struct shade_thread *t, int slot, const struct ingested *in, struct lighting *l, double queued_ms,
                     bool new_view)
 {
@@ -152,6 +167,7 @@ static enum err shade_frame(struct shade_thread *t, const struct ingested *in, b
     if (!is_stopping(t) && !cut) { /* else the picture is incomplete */
         lamps_take_sky(t, shared->pictures.slot[slot].rgb);
         lamps_add(t, in->ticket.lockstep, l.settings.lamps, shared->pictures.slot[slot].rgb);
+        find_changes(t, &shared->pictures.slot[slot], &l, in->ticket.lockstep, new_view);
         publish(t, slot, in, &l, queued_ms, new_view);
     }
     return ERR_OK;
@@ -342,6 +358,7 @@ void shade_thread_destroy(struct shade_thread *t)
     decider_finish(&t->decider);
     still_destroy(t->refine.still);
     probe_finish(t);
+    changes_finish(&t->changes);
     lamps_finish(t);
     camera_finish(t);
     parts_destroy(t->parts);

@@ -7,6 +7,7 @@
 #include "daemon/shared.h"
 
 #include "base/progress.h"
+#include "light/changes.h"
 #include "light/decide.h"
 #include "light/relight.h"
 #include "light/relight_lamps.h"
@@ -78,7 +79,8 @@ struct shade_thread {
     bool coarse_view;       /* `set` is coarse: a finer one follows while its camera stays selected */
     struct decider decider; /* auto's measurements of `set`, for `relighter` */
     struct shown_lamps lamps;
-    struct prober *prober; /* NULL until needed */
+    struct changes changes; /* from picture to picture, while somebody asks for them */
+    struct prober *prober;  /* NULL until needed */
     struct sky_answer sky;
     struct refinement refine;
     const struct shaded *last; /* the last published picture; NULL: none */

@@ -36,15 +36,18 @@ enum err picture_slots_init(struct picture_slots *s, uint32_t width, uint32_t he
     handoff_init(&s->handoff);
     for (int i = 0; i < HANDOFF_SLOTS && ok; i++) {
         s->slot[i].rgb = mem_alloc((size_t)width * height, 3 * sizeof(float));
-        ok = s->slot[i].rgb != NULL;
+        s->slot[i].changes = mem_alloc_raw((size_t)width * height, 3); /* untouched until somebody asks */
+        ok = s->slot[i].rgb && s->slot[i].changes;
     }
     return ok ? ERR_OK : ERR_NOMEM;
 }
 
 void picture_slots_finish(struct picture_slots *s)
 {
-    for (int i = 0; i < HANDOFF_SLOTS; i++)
+    for (int i = 0; i < HANDOFF_SLOTS; i++) {
         mem_free(s->slot[i].rgb);
+        mem_free(s->slot[i].changes);
+    }
     handoff_finish(&s->handoff);
 }
 

@@ -28,6 +28,8 @@ struct ingested {
 /* A linear picture, float[height][width][3], ready to encode. */
 struct shaded {
     float *rgb;
+    uint8_t *changes; /* [height][width][3]: which pixels changed (light/changes.h), if has_changes */
+    bool has_changes; /* somebody asked for them */
     struct protocol_picture header;
     struct server_ticket ticket;
     bool new_view; /* first picture of another camera: automatic exposure restarts */

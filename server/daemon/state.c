@@ -63,11 +63,10 @@ static enum err take_views(struct state_file *f, json_t *views, struct reason *w
     json_t *view;
     enum err e = ERR_OK;
 
-    json_object_foreach (views, name, view)
-        if (!e)
-            e = json_is_string(view) && strlen(name) < sizeof(((struct saved_view *)0)->name)
-                    ? settings_save_view(f->settings, name, json_string_value(view), why)
-                    : err_say(why, ERR_FORMAT, "'%.80s' is no saved view", name);
+    json_object_foreach(views, name, view) if (!e) e =
+        json_is_string(view) && strlen(name) < sizeof(((struct saved_view *)0)->name)
+            ? settings_save_view(f->settings, name, json_string_value(view), why)
+            : err_say(why, ERR_FORMAT, "'%.80s' is no saved view", name);
     return e;
 }
 

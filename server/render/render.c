@@ -30,6 +30,8 @@ static enum err open_outputs(struct render *r, struct reason *why)
                     d->output.pattern, output.format ? "EXR" : "file", source_count(r->source),
                     output.format ? "use another --format" : "put %04d into it");
     if (!e)
+        e = render_changes_create(r, why);
+    if (!e)
         e = render_check_shared(r, why);
     if (e || !d->stats_path || ranks_index(d->ranks) > 0)
         return e;
@@ -211,6 +213,9 @@ static enum err render_frame(struct render *r, struct reason *why)
         return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for the light samples", r->frame.name) : e;
     relight_lamps_add(r->lamps, r->desc.setup.initial.lamps, r->rgb);
     const double start = clock_seconds();
+    e = render_changes(r, &stats, why);
+    if (e)
+        return e;
     if (r->rgba)
         relighter_split(r->relighter, r->environment, r->rgb, r->rgba);
     if (r->output)
@@ -303,6 +308,8 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
     mem_free(r->texts.at);
     mem_free(r->there);
     output_destroy(r->output);
+    output_destroy(r->maps);
+    changes_finish(&r->changes);
     render_layers_destroy(r->layers);
     environment_destroy(r->environment);
     environment_destroy(r->ahead.environment);

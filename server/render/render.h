@@ -25,6 +25,7 @@ struct render_desc {
     enum luminance_weights weights;    /* of calibrate_lux */
     bool layers;                       /* of EXR: not by a reference method, nor with a target or alpha */
     const char *stats_path;            /* JSON, one object per frame; "-": standard output; NULL: none */
+    const char *changes;               /* pattern of change maps, PNG (light/changes.h); NULL: none */
     bool resume;                       /* keep pictures that are there */
     struct ranks *ranks;               /* NULL: this process renders all frames */
     bool collect;                      /* rank 0 writes the pictures of all ranks */

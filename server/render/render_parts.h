@@ -3,6 +3,7 @@
 #define RENDER_RENDER_PARTS_H
 
 #include "base/progress.h"
+#include "light/changes.h"
 #include "light/relight_lamps.h"
 #include "render/render.h"
 #include "team/share.h"
@@ -43,11 +44,13 @@ struct render {
     double cache_ms;          /* of computing or loading what --method cached needs, once */
     double beside_s;          /* of a frame, what is not light: reading and writing it, smoothed */
     struct environment *environment;
-    struct output *output; /* NULL: no images */
-    struct prober *prober; /* NULL: no pixel is asked about */
-    float *rgb;            /* [height][width][3] */
-    float *rgba;           /* [height][width][4]: the foreground; NULL: not asked for */
-    FILE *stats;           /* NULL: none */
+    struct output *output;  /* NULL: no images */
+    struct changes changes; /* of statistics and desc.changes */
+    struct output *maps;    /* of desc.changes; NULL: none */
+    struct prober *prober;  /* NULL: no pixel is asked about */
+    float *rgb;             /* [height][width][3] */
+    float *rgba;            /* [height][width][4]: the foreground; NULL: not asked for */
+    FILE *stats;            /* NULL: none */
     struct frame frame;
     bool decoded; /* already, as `decoding` says */
     struct decoding decoding;
@@ -80,6 +83,12 @@ MUST_CHECK enum err render_meter(struct render *r, struct reason *why);
 /* meter.c, too: sets the scale of r->environment by --calibrate, where it is given. ERR_RANGE: the first frame has no
  * light from above; else as render_expose. */
 MUST_CHECK enum err render_calibrate(struct render *r, struct reason *why);
+
+/* changes.c: change maps. render_changes_create makes r->maps if they are asked for: errors of output_create.
+ * render_changes takes the frame's picture, if maps or statistics are wanted, and writes its map: ERR_NOMEM; errors of
+ * output_write. */
+MUST_CHECK enum err render_changes_create(struct render *r, struct reason *why);
+MUST_CHECK enum err render_changes(struct render *r, const struct relight_stats *stats, struct reason *why);
 
 /* layers.c: --layers. render_layers_create makes r->layers, after r->lamps and r->output; render_layers_run lights a
  * frame in place of decider_run. ERR_NOMEM; errors of relighter_run_layers. */

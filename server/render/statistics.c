@@ -115,6 +115,14 @@ static json_t *auto_stats(const struct buy *b)
                      b->break_even > 0.0 ? json_real(b->break_even) : json_null(), "why", b->why);
 }
 
+/* Which pixels have other bits than in the frame before, and what was computed for pixels. */
+static json_t *changes_stats(const struct changes *c)
+{
+    return json_pack("{s:I, s:I, s:[i, i, i, i], s:{s:I, s:I}}", "pixels", (json_int_t)c->changed, "of",
+                     (json_int_t)c->pixels, "box", (int)c->box[0], (int)c->box[2], (int)c->box[1], (int)c->box[3],
+                     "computed", "sky", (json_int_t)c->sky, "bright", (json_int_t)c->bright);
+}
+
 char *render_stats_text(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
                         const double ms[3])
 {
@@ -133,6 +141,7 @@ char *render_stats_text(struct render *r, const struct relight_stats *s, const s
         json_object_set_new(j, "unit", json_string(environment_unit(r->environment)));
         if (!method_is_reference(light->direct.method))
             json_object_set_new(j, "plan", plan_stats(s));
+        json_object_set_new(j, "changes", changes_stats(&r->changes));
         if (s->bias)
             json_object_set_new(j, "bias", json_string(s->bias));
         if (light->direct.method == METHOD_CACHED)

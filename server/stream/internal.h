@@ -22,9 +22,9 @@
 
 /* Kinds of picture, each with its own newest picture and sequence numbers: JPEG and EXR formats, JPEG at half and
  * quarter size, the tracks of H.264, and renditions. A kind is an enum protocol_format or one of these. */
-#define STREAM_JPEG_HALF (PROTOCOL_H264 + 1)
-#define STREAM_JPEG_QUARTER (PROTOCOL_H264 + 2)
-#define STREAM_TRACKS (PROTOCOL_H264 + 3)                 /* the first of them */
+#define STREAM_JPEG_HALF (PROTOCOL_CHANGES + 1)
+#define STREAM_JPEG_QUARTER (PROTOCOL_CHANGES + 2)
+#define STREAM_TRACKS (PROTOCOL_CHANGES + 3)              /* the first of them */
 #define STREAM_RENDITIONS (STREAM_TRACKS + SERVER_TRACKS) /* likewise, of renditions */
 #define STREAM_KINDS (STREAM_RENDITIONS + SERVER_RENDITIONS)
 #define STREAM_CHAIN 16                    /* H.264 pictures kept for viewers that are behind */

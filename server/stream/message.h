@@ -70,7 +70,7 @@ enum message_op {
 
 #define MESSAGE_PROBE_SAMPLES_MAX 256 /* that a question about a pixel may ask for */
 
-#define MESSAGE_FORMATS 4
+#define MESSAGE_FORMATS 5
 extern const char *const message_formats[MESSAGE_FORMATS]; /* indexed by enum protocol_format - 1 */
 
 struct message {
@@ -120,10 +120,10 @@ struct welcome {
     uint64_t id; /* of the connection */
     uint32_t max_connections;
     bool controllers, producers, recorders; /* roles offered */
-    bool h264;                      /* format offered */
-    bool producer, recorder;        /* the client's role */
-    const struct setting *controls; /* what controllers may ask for; NULL: not sent */
-    bool has_after;                 /* `after` is the last frame accepted (producer) or stored (recorder) */
+    bool h264;                              /* format offered */
+    bool producer, recorder;                /* the client's role */
+    const struct setting *controls;         /* what controllers may ask for; NULL: not sent */
+    bool has_after;                         /* `after` is the last frame accepted (producer) or stored (recorder) */
     uint64_t after;
     uint32_t credit;
     size_t frame_bytes;

@@ -9,7 +9,7 @@
 #include <stdio.h>
 #include <string.h>
 
-const char *const message_formats[MESSAGE_FORMATS] = { "jpeg", "exr_half", "exr_float", "h264" };
+const char *const message_formats[MESSAGE_FORMATS] = { "jpeg", "exr_half", "exr_float", "h264", "changes" };
 
 /* Serializes an object and releases it. NULL: out of memory. */
 static char *dump(json_t *object)
@@ -70,7 +70,7 @@ char *message_welcome(const struct welcome *w)
                             PROTOCOL_CREDIT, "connections", (json_int_t)w->max_connections);
     json_t *formats = json_array();
 
-    for (int f = PROTOCOL_JPEG; f <= PROTOCOL_H264; f++)
+    for (int f = PROTOCOL_JPEG; f <= PROTOCOL_CHANGES; f++)
         if (f != PROTOCOL_H264 || w->h264)
             json_array_append_new(formats, json_string(message_formats[f - PROTOCOL_JPEG]));
     all = with(all, "formats", formats);

@@ -120,6 +120,7 @@ static const char *const kinds[METRICS_KINDS] = {
     [PROTOCOL_EXR_HALF] = "format=\"exr_half\",size=\"whole\"",
     [PROTOCOL_EXR_FLOAT] = "format=\"exr_float\",size=\"whole\"",
     [PROTOCOL_H264] = "format=\"h264\",size=\"whole\"",
+    [PROTOCOL_CHANGES] = "format=\"changes\",size=\"whole\"",
     [STREAM_JPEG_HALF] = "format=\"jpeg\",size=\"half\"",
     [STREAM_JPEG_QUARTER] = "format=\"jpeg\",size=\"quarter\"",
     [STREAM_TRACKS] = "format=\"h264\",size=\"half\"",

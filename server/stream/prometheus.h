@@ -11,7 +11,7 @@
 #include <stdint.h>
 
 #define METRICS_BOUNDS 13
-#define METRICS_KINDS (PROTOCOL_H264 + 6) /* of pictures: H.264 by size only, not by rate; renditions as one */
+#define METRICS_KINDS (PROTOCOL_CHANGES + 6) /* of pictures: H.264 by size only, not by rate; renditions as one */
 
 struct histogram {
     atomic_uint_fast64_t bucket[METRICS_BOUNDS + 1]; /* not cumulative; the last is above all bounds */

@@ -83,9 +83,10 @@ static void take_subscribe(struct viewer *v, const struct message *m, struct fau
 {
     const bool watched = v->subscribed && !v->wish.subscribe.paused;
 
-    if (m->subscribe.format == PROTOCOL_H264 && (!v->server->h264 || v->recorder)) {
+    if ((m->subscribe.format == PROTOCOL_H264 && !v->server->h264) ||
+        (m->subscribe.format >= PROTOCOL_H264 && v->recorder)) {
         fault_say(fault, FAULT_NOT_OFFERED, v->recorder ? "4.3.6" : "4.3.1",
-                  v->recorder ? "a recorder gets no H.264" : "this server makes no H.264");
+                  v->recorder ? "a recorder gets no H.264 and no changes" : "this server makes no H.264");
         return;
     }
     if (v->recorder && !recorder_subscribe(v, m, fault))

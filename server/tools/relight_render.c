@@ -74,6 +74,10 @@ static const struct setting rows[] = {
       "scale the environment to real units: the first frame's horizontal illuminance in the open was LUX", NULL,
       RENDERING, REAL(1e-6, 1e9), AT(desc.calibrate_lux) },
     { "half", NULL, "write EXR with 16-bit instead of 32-bit floats", NULL, OUTPUT, SWITCH, AT(desc.output.half) },
+    { "changes", "PATTERN",
+      "also write which pixels changed since the last frame: .png; red: changed, green: light computed, blue: rays "
+      "traced towards the sun (--method cached)",
+      NULL, OUTPUT, TEXT, AT(desc.changes) },
     { "resume", NULL, "keep pictures that are there already, as after an interruption, and render the others", NULL,
       OUTPUT, SWITCH, AT(desc.resume) },
     { "collect", NULL, "as a job of mpirun: rank 0 writes the pictures of all ranks, where they share no file system",
@@ -203,7 +207,7 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
 {
     static const char *const others[] = { "out",    "frames",    "stats",  "fps",     "error",
                                           "reseed", "half",      "alpha",  "denoise", "exposure-frame",
-                                          "layers", "calibrate", "format", "resume" };
+                                          "layers", "calibrate", "format", "resume",  "changes" };
 
     r->desc.exposure_frame_given = command_given(c, "exposure-frame");
     if (r->desc.exposure_frame_given && r->desc.setup.initial.exposure_stops != EXPOSURE_AUTO)

@@ -274,3 +274,22 @@ test('a moving sky is requested at most once a second, a folded panel requests n
   await page.waitForTimeout(300);
   assert.equal(await count(2500), 0);
 }));
+
+// Under a sky that turns slowly; the switch works both ways, and nothing is fetched while it is off.
+test('changed pixels lie over the image while they are asked for', () => withPage(['--source', 'sky:size=64x32,speed=600', '--fps', '4', '--method', 'mis', '--samples', '4', '--paths', 'direct'], async (page) => {
+  await page.evaluate(() => { document.querySelector('#insight details').open = true; });
+  assert.equal(await page.evaluate(() => window.relight.changes.socket ?? null), null);
+  await page.click('#changes-shown');
+  await page.waitForFunction(() => /of the pixels changed/.test(document.getElementById('changes-words').textContent), null, { timeout: 30000 });
+  const map = await page.evaluate(() => {
+    const canvas = document.getElementById('changes-map');
+    const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+    let red = 0;
+    for (let i = 0; i < data.length; i += 4) red += data[i + 3] > 0 && data[i] > 0 ? 1 : 0;
+    return { width: canvas.width, height: canvas.height, hidden: canvas.hidden, red };
+  });
+  assert.deepEqual([map.width, map.height, map.hidden], [160, 90, false]);
+  assert.ok(map.red > 160 * 90 / 4, `${map.red} changed pixels`);
+  await page.click('#changes-shown');
+  assert.deepEqual(await page.evaluate(() => [document.getElementById('changes-map').hidden, window.relight.changes.socket]), [true, null]);
+}));

@@ -1,6 +1,7 @@
 // Pure functions of insight, comparison, snapshot and sky panel, without a browser.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
+import { percent, sharesOf, words } from '../../clients/web/changes.js';
 import { alsoMethod, difference, factsOf, sideWords, warnings } from '../../clients/web/compare_model.js';
 import { styleOf } from '../../clients/web/insight_draw.js';
 import { Insight, choiceWords, kindOf, latencyParts, logAxis, noiseText, rows } from '../../clients/web/insight_model.js';
@@ -170,4 +171,11 @@ test('north is +Z and east is -X, and the sun rotates with the sky', () => {
   near(sunDirection({ elevation: 0, azimuth: 90 }), [-1, 0, 0]);
   near(sunDirection({ elevation: 90, azimuth: 12 }), [0, 1, 0]);
   near(sunDirection({ elevation: 0, azimuth: 0 }, 90), [1, 0, 0]);
+});
+
+test('a change map is told in shares, and only none is 0 %', () => {
+  const map = { data: Uint8ClampedArray.from([[255, 0, 0, 255], [255, 255, 0, 255], [0, 255, 255, 255], [0, 0, 0, 255]].flat()) };
+  assert.deepEqual(sharesOf(map), { changed: 0.5, computed: 0.5, traced: 0.25 });
+  assert.equal(words(sharesOf(map)), '50 % of the pixels changed (red). Light was computed for 50 % (green), with rays to the sun for 25 % (blue).');
+  assert.deepEqual([0, 1e-6, 0.0012, 0.1234, 0.9999, 1].map(percent), ['0 %', 'less than 0.1 %', '0.1 %', '12.3 %', 'more than 99.9 %', '100 %']);
 });

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 from peer import Server, check, main, radiance, skip
@@ -102,6 +103,51 @@ async def what_cannot_be_sent_is_said(folder):
         check(words in said, f"{said} for {words}")
     for data, words in ((b"", "cannot be read"), (b"v/1\x01\x02\0\0\0\0", "compression"), (b"v/1\x01\x02\x10\0\0", "several parts")):
         check(words in failure(relightd.Malformed, lambda: relightd.read_exr(data)), words)
+
+
+def rgb_of(png, width, height):
+    """uint8[height, width, 3] of a PNG of 8 bits without interlacing."""
+    at, packed = 8, b""
+    while at < len(png):
+        size = int.from_bytes(png[at:at + 4], "big")
+        packed += png[at + 8:at + 8 + size] if png[at + 4:at + 8] == b"IDAT" else b""
+        at += 12 + size
+    data, rows = zlib.decompress(packed), [bytearray(3 * width)]
+    for y in range(height):
+        kind, *line = data[y * (3 * width + 1):(y + 1) * (3 * width + 1)]
+        row = bytearray(3 * width)
+        for i, value in enumerate(line):
+            a, b, c = (row[i - 3], rows[-1][i], rows[-1][i - 3]) if i >= 3 else (0, rows[-1][i], 0)
+            paeth = min((a, b, c), key=lambda v: abs(a + b - c - v))
+            row[i] = (value + (0, a, b, (a + b) // 2, paeth)[kind]) % 256
+        rows.append(row)
+    return numpy.array(rows[1:], numpy.uint8).reshape(height, width, 3)
+
+
+async def changed_pixels_are_those_with_other_numbers(folder):
+    """A quarter of the sky gets brighter: the map has exactly the pixels whose floats differ."""
+    del folder
+    async with Daemon("--source", "push:", *SMALL) as daemon:
+        async with (await relightd.Client.open(daemon.url) as viewer, await relightd.Client.open(daemon.url) as maps,
+                    await relightd.Client.open(daemon.url, "producer") as producer):
+            await viewer.subscribe("exr_float")
+            await maps.subscribe("changes")
+            sky = numpy.ones((16, 32, 3), numpy.float32)
+            before = None
+            for number in range(3):
+                if number == 2:
+                    sky[:6, :16] *= 2
+                await producer.feed(sky, layout="latlong")
+                while (picture := await viewer.picture()).frame != number or picture.flags & relightd.FINER:
+                    pass
+                while (told := await maps.picture()).frame != number:
+                    pass
+                image, told = picture.radiance(), rgb_of(told.payload, told.width, told.height)
+                wanted = numpy.ones(image.shape[:2], bool) if before is None else (image != before).any(axis=2)
+                check(((told[..., 0] == 255) == wanted).all() and set(told.ravel()) <= {0, 255}, f"frame {number}")
+                check((told[..., 1] == 255).any() and not told[..., 2].any(), "what was computed")
+                before = image
+            check(0 < wanted.sum() < wanted.size, f"{wanted.sum()} pixels of {wanted.size} changed")
 
 
 async def skies_from_numpy_light_pictures(folder):

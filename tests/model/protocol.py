@@ -136,7 +136,7 @@ class Message:
 
 
 VIEWERS = (VIEWER, RECORDER, CONTROLLER)
-FORMATS = ("jpeg", "exr_half", "exr_float", "h264")
+FORMATS = ("jpeg", "exr_half", "exr_float", "h264", "changes")
 
 MESSAGES = {
     "hello": Message("4.1", (NEW,), {
@@ -461,7 +461,7 @@ def layout_of(table):
 
 PICTURE_STRUCT, PICTURE_NAMES = layout_of(PICTURE)
 ENVIRONMENT_STRUCT, ENVIRONMENT_NAMES = layout_of(ENVIRONMENT)
-FORMAT_NUMBERS = {1: "jpeg", 2: "exr_half", 3: "exr_float", 4: "h264"}
+FORMAT_NUMBERS = {1: "jpeg", 2: "exr_half", 3: "exr_float", 4: "h264", 5: "changes"}
 
 
 def wrong_picture(data):

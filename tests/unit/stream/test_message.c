@@ -221,7 +221,7 @@ static void welcome_says_what_it_is_told(void **state)
         "\"session\":\"s\"",
         "\"id\":\"7\"",
         "\"connections\":9}",
-        "\"formats\":[\"jpeg\",\"exr_half\",\"exr_float\"]",
+        "\"formats\":[\"jpeg\",\"exr_half\",\"exr_float\",\"changes\"]",
         "\"roles\":[\"viewer\",\"controller\",\"producer\"]",
         "\"producer\":{\"resume_after\":11,\"credit\":4,\"frame_bytes\":123,\"raw\":true}",
     };

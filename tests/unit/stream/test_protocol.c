@@ -14,7 +14,7 @@ struct vector {
     size_t size;
 };
 
-static const char *const formats[] = { "", "jpeg", "exr_half", "exr_float", "h264" };
+static const char *const formats[] = { "", "jpeg", "exr_half", "exr_float", "h264", "changes" };
 static const char *const encodings[] = { "", "file_exr", "file_hdr", "raw_half", "raw_float" };
 static const char *const layouts[] = { "auto", "latlong", "cube",     "hcross",  "vcross",
                                        "ball", "fisheye", "cube-3x2", "cube-6x1" };
