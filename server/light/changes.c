@@ -25,8 +25,8 @@ static enum err reserve(struct changes *c, size_t pixels)
     return ERR_OK;
 }
 
-/* What was computed for a packet. Only a cache of one process tells packets apart; eye paths and particles beside it do not
- * count. */
+/* What was computed for a packet. Only a cache of one process tells packets apart; eye paths and particles beside it do
+ * not count. */
 static uint8_t work_of(const uint8_t *work, uint32_t packet)
 {
     if (!work)
