@@ -204,7 +204,9 @@ class Controls {
     this.showExposure();
     setOptions(this.tone.select, (offers.tones ?? [now.tone]).map((t) => [t, t]), now.tone);
     setOptions(this.paths.select, withPresent(offers.paths ?? [], now.paths).map((p) => [p, this.pathsText(p)]), now.paths);
-    setOptions(this.method.select, (offers.methods ?? [now.method]).map((m) => [m, m]), now.method);
+    this.firstMethod ??= now.method; // the command line's may not be on offer, such as components
+    const methods = withPresent(withPresent(offers.methods ?? [], this.firstMethod), now.method);
+    setOptions(this.method.select, methods.map((m) => [m, m]), now.method);
     setOptions(this.effort.select, this.efforts(), this.effortNow);
     setOptions(this.fps.select, withPresent(this.within('fps', RATES), now.fps).map((r) => [String(r), String(r)]), String(now.fps));
   }
