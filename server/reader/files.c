@@ -91,6 +91,9 @@ void scene_files_finish(struct scene_files *f)
     for (size_t i = 0; i < f->count; i++)
         mem_free(f->folders[i]);
     mem_free(f->folders);
+    for (size_t i = 0; i < f->opened_count; i++)
+        mem_free(f->opened[i].path);
+    mem_free(f->opened);
     *f = (struct scene_files){ 0 };
 }
 
@@ -138,6 +141,47 @@ static enum err open_file(const struct scene_files *f, const char *path, const c
     return e;
 }
 
+static void describe(const struct stat *st, struct scene_file *out)
+{
+    out->device = st->st_dev;
+    out->inode = st->st_ino;
+    out->size = (uint64_t)st->st_size;
+    out->written = st->st_mtim;
+}
+
+static bool is_same(const struct scene_file *a, const struct scene_file *b)
+{
+    return a->device == b->device && a->inode == b->inode && a->size == b->size &&
+           a->written.tv_sec == b->written.tv_sec && a->written.tv_nsec == b->written.tv_nsec;
+}
+
+static enum err note_opened(struct scene_files *f, const char *path, int fd)
+{
+    struct stat st;
+
+    if (f->opened_count == f->opened_room) {
+        const size_t room = 2 * f->opened_room + 16;
+        struct scene_file *more = mem_alloc(room, sizeof(*more));
+        if (!more)
+            return ERR_NOMEM;
+        if (f->opened_count > 0)
+            memcpy(more, f->opened, f->opened_count * sizeof(*more));
+        mem_free(f->opened);
+        f->opened = more;
+        f->opened_room = room;
+    }
+    struct scene_file *file = &f->opened[f->opened_count];
+    file->path = mem_alloc(strlen(path) + 1, 1);
+    if (!file->path || fstat(fd, &st) != 0) {
+        mem_free(file->path);
+        return ERR_NOMEM;
+    }
+    strcpy(file->path, path);
+    describe(&st, file);
+    f->opened_count++;
+    return ERR_OK;
+}
+
 enum err scene_files_open(struct scene_files *f, const char *path, int *fd, size_t *size, struct reason *why)
 {
     char resolved[HOST_PATH_MAX];
@@ -148,7 +192,30 @@ enum err scene_files_open(struct scene_files *f, const char *path, int *fd, size
         return err_say(why, ERR_IO, "%s: %s", path, strerror(errno));
     if (!is_scene && !may_open(f, resolved))
         return err_say(why, ERR_IO, "%s: is outside of the folders of the scene and its models", path);
-    return open_file(f, path, resolved, fd, size, why);
+    enum err e = open_file(f, path, resolved, fd, size, why);
+    if (e)
+        return e;
+    e = note_opened(f, path, *fd);
+    if (e) {
+        close(*fd);
+        return err_say(why, e, "%s: out of memory", path);
+    }
+    return ERR_OK;
+}
+
+enum err scene_files_check(const struct scene_files *f, struct reason *why)
+{
+    for (size_t i = 0; i < f->opened_count; i++) {
+        struct scene_file now;
+        struct stat st;
+        if (stat(f->opened[i].path, &st) == 0)
+            describe(&st, &now);
+        else
+            now = (struct scene_file){ .path = NULL };
+        if (!is_same(&f->opened[i], &now))
+            return err_say(why, ERR_IO, "%s: has changed while the scene was read; load it again", f->opened[i].path);
+    }
+    return ERR_OK;
 }
 
 static enum err host_open(void *context, const char *path, int *fd, size_t *size, struct reason *why)

@@ -8,13 +8,22 @@
 #include "reader/host.h"
 
 #include <stdbool.h>
+#include <time.h>
+
+struct scene_file { /* one that was opened, as it was then */
+    char *path;
+    uint64_t device, inode, size;
+    struct timespec written;
+};
 
 struct scene_files {
     const char *scene; /* borrowed */
     size_t most;       /* bytes of one file */
     char **folders;    /* [count], resolved */
     size_t count;
-    bool sealed; /* no folder may be added any more */
+    bool sealed;               /* no folder may be added any more */
+    struct scene_file *opened; /* [opened_count] */
+    size_t opened_count, opened_room;
 };
 
 /* ERR_NOMEM. `scene` must outlive it. */
@@ -26,6 +35,10 @@ MUST_CHECK enum err scene_files_allow(struct scene_files *f, const char *path, s
 /* See host.h. */
 MUST_CHECK enum err scene_files_open(struct scene_files *f, const char *path, int *fd, size_t *size,
                                      struct reason *why);
+
+/* Whether the files that were opened are still the same: else parts of what was read may belong to different versions,
+ * or a file that was being written was read to where it had got. ERR_IO: one is not. */
+MUST_CHECK enum err scene_files_check(const struct scene_files *f, struct reason *why);
 
 /* For reading in this process, at rest; `f` must outlive it. */
 struct host scene_files_host(struct scene_files *f);

@@ -187,6 +187,17 @@ static enum err start(struct reading *r)
     return child_start(&r->child, program, arguments, &r->parcel, 1, r->why);
 }
 
+static enum err refuse_change(const struct reading *r, enum err e, struct scene **out)
+{
+    struct reason changed;
+
+    if (!scene_files_check(&r->files, &changed))
+        return e;
+    scene_destroy(*out);
+    *out = NULL;
+    return err_say(r->why, ERR_IO, "%s", changed.text);
+}
+
 enum err scene_load(const char *path, const struct scene_reading *reading, struct scene **out,
                     struct progress *progress, struct reason *why)
 {
@@ -206,6 +217,8 @@ enum err scene_load(const char *path, const struct scene_reading *reading, struc
     if (!e)
         e = converse(&r, out);
     child_end(&r.child);
+    if (!e || e == ERR_FORMAT || e == ERR_IO) /* what is wrong with a file may come from a change, too */
+        e = refuse_change(&r, e, out);
     if (r.parcel >= 0)
         close(r.parcel);
     scene_files_finish(&r.files);

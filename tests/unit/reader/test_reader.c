@@ -5,8 +5,14 @@
 
 #include "base/digest.h"
 #include "base/progress.h"
+#include "reader/files.h"
 #include "reader/reader.h"
 #include "scene/scene_digest.h"
+
+#include <fcntl.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <sys/stat.h>
 
 #define SQUARE "v 0 0 0\nv 1 0 0\nv 1 1 0\nusemtl grey\nf 1 2 3\n"
 #define SCENE                                                                                                          \
@@ -116,6 +122,107 @@ static void a_bad_file_has_the_reason_of_its_reader(void **state)
 }
 
 /* The triangle stands at 8 after 2 of 4 s, and at rest at 0. */
+/* ---- Files that change while they are read ---- */
+
+static void open_and_close(struct scene_files *files, const char *path)
+{
+    struct reason why;
+    size_t size;
+    int fd;
+
+    if (scene_files_open(files, path, &fd, &size, &why))
+        fail_msg("%s", why.text);
+    close(fd);
+}
+
+static void expect_change(struct scene_files *files, const char *of)
+{
+    char expected[512];
+    struct reason why;
+
+    snprintf(expected, sizeof(expected), "%s: has changed while the scene was read; load it again", of);
+    assert_int_equal(scene_files_check(files, &why), ERR_IO);
+    assert_string_equal(why.text, expected);
+}
+
+static void changes_of_opened_files_are_seen(void **state)
+{
+    char scene[256], model[256];
+    struct scene_files files;
+    struct reason why;
+    struct folder f;
+    struct stat st;
+    (void)state;
+
+    folder_make(&f);
+    strcpy(scene, folder_text(&f, "scene.json", SCENE));
+    strcpy(model, folder_text(&f, "a.obj", SQUARE));
+    for (int k = 0; k < 4; k++) {
+        assert_int_equal(scene_files_init(&files, scene, 1 << 20), ERR_OK);
+        open_and_close(&files, scene);
+        assert_int_equal(scene_files_allow(&files, model, &why), ERR_OK);
+        open_and_close(&files, model);
+        open_and_close(&files, model);
+        assert_int_equal(scene_files_check(&files, &why), ERR_OK);
+        assert_int_equal(stat(model, &st), 0);
+        if (k == 0) /* longer */
+            folder_text(&f, "a.obj", SQUARE "f 1 2 3\n");
+        if (k == 1) { /* in place, by one who keeps its length, a second later */
+            st.st_mtim.tv_sec++;
+            assert_int_equal(utimensat(AT_FDCWD, model, (struct timespec[]){ st.st_mtim, st.st_mtim }, 0), 0);
+        }
+        if (k == 2) { /* replaced by one of the same length and time */
+            char other[256];
+            strcpy(other, folder_text(&f, "b.obj", SQUARE "f 1 2 3\n"));
+            assert_int_equal(utimensat(AT_FDCWD, other, (struct timespec[]){ st.st_mtim, st.st_mtim }, 0), 0);
+            assert_int_equal(rename(other, model), 0);
+        }
+        if (k == 3) /* gone */
+            assert_int_equal(unlink(model), 0);
+        expect_change(&files, model);
+        scene_files_finish(&files);
+    }
+    folder_remove(&f);
+}
+
+static atomic_bool written_enough;
+
+static void *write_on(void *path)
+{
+    while (!atomic_load(&written_enough))
+        if (utimensat(AT_FDCWD, path, NULL, 0) != 0)
+            break;
+    return NULL;
+}
+
+static void a_model_that_is_written_meanwhile_costs_a_message(void **state)
+{
+    struct reason why = { "" };
+    struct scene *s = NULL;
+    char model[256];
+    pthread_t writer;
+    struct folder f;
+    (void)state;
+
+    folder_make(&f);
+    strcpy(model, folder_text(&f, "a.obj", SQUARE));
+    const char *path = folder_text(&f, "scene.json", SCENE);
+    assert_int_equal(pthread_create(&writer, NULL, write_on, model), 0);
+    enum err e = ERR_OK;
+    for (int k = 0; k < 20 && !e; k++) { /* times have the grain of a clock tick */
+        e = scene_load(path, NULL, &s, NULL, &why);
+        scene_destroy(s);
+    }
+    atomic_store(&written_enough, true);
+    pthread_join(writer, NULL);
+    assert_int_equal(e, ERR_IO);
+    assert_null(s);
+    assert_non_null(strstr(why.text, "a.obj: has changed while the scene was read"));
+    assert_int_equal(scene_load(path, NULL, &s, NULL, &why), ERR_OK); /* and the next time it is well */
+    scene_destroy(s);
+    folder_remove(&f);
+}
+
 static void the_time_of_animations_reaches_the_reader(void **state)
 {
     static const float numbers[] = { 0, 0, 0, 1, 0, 0, 0, 1, 0, /* corners */ 0, 4, /* times */ 0, 0, 0, 16, 0, 0 };
@@ -259,6 +366,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(shared_scenes_are_the_same_to_the_bit),
     cmocka_unit_test(warnings_and_progress_come_through),
     cmocka_unit_test(a_bad_file_has_the_reason_of_its_reader),
+    cmocka_unit_test(changes_of_opened_files_are_seen),
+    cmocka_unit_test(a_model_that_is_written_meanwhile_costs_a_message),
     cmocka_unit_test(the_time_of_animations_reaches_the_reader),
     cmocka_unit_test(a_crash_costs_a_message),
     cmocka_unit_test(endless_work_costs_a_message),
