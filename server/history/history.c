@@ -8,7 +8,9 @@
 
 #define GROUP 128 /* packets, side by side in the picture for the most part, that share w */
 #define FLOATS ((size_t)3 * PACKET)
-#define SOFT 1e-2        /* of relMSE */
+#define SOFT 1e-2    /* of relMSE */
+#define CHANGED 0.25 /* mean weight of what was known, below which the sky is another; it is 1/2 in a second picture   \
+                      */
 #define WEIGHT_MOST 0.98 /* of the cache's light, against the first samples */
 
 struct group { /* sums of V and D */
@@ -262,13 +264,14 @@ static double mean_weight(const struct history *h)
     return sum / h->packets;
 }
 
-/* Compares the samples with the light that was displayed before. With a cache, they are too few. */
+/* Compares the samples with the light that was displayed before, unless the sky has changed since, or there was none.
+ * With a cache, they are too few. */
 static void measure_error(struct history *h, const float *const more[2])
 {
     const float *const half[2] = { denoiser_half(h->denoiser, 0), denoiser_half(h->denoiser, 1) };
     const float *const none[2] = { NULL, NULL };
 
-    if (h->followed || mean_weight(h) == 0.0)
+    if (h->followed || mean_weight(h) < CHANGED)
         stated_forget(h->stated);
     else
         stated_take(h->stated, half, more ? more : none, h->shown);

@@ -7,7 +7,7 @@
 #define SOFT 1e-2      /* of relMSE */
 #define AROUND 0.25f   /* of the mean of the pixels around: x at least */
 #define DARK_FROM 4.0f /* squared differences, in variances, from which x is not P */
-#define KEPT 0.8       /* of a measurement's weight, by each further one */
+#define KEPT 0.8       /* of a measurement's weight, by each further one: the ratio falls in the first pictures */
 
 struct stated {
     const struct gbuffer *g;
@@ -17,8 +17,7 @@ struct stated {
     float *scale;    /* [height][width][3]: 1 / (x^2 + 1e-2 m^2) */
     bool seen;       /* it is filled, and `noise` is that picture's V */
     double noise;
-    double mv, vv, square; /* weighted sums of M V, of V^2 and of the variances of M, */
-    double measured;       /* and of the weights; 0: nothing was measured */
+    double m, v, square; /* weighted sums of M, of V and of the variances of M; v 0: nothing was measured */
 };
 
 struct stated *stated_create(const struct gbuffer *g)
@@ -53,7 +52,7 @@ void stated_destroy(struct stated *s)
 
 void stated_forget(struct stated *s)
 {
-    s->mv = s->vv = s->square = s->measured = 0.0;
+    s->m = s->v = s->square = 0.0;
     s->seen = false;
 }
 
@@ -193,18 +192,17 @@ void stated_take(struct stated *s, const float *const half[2], const float *cons
         }
     }
     const double m = STATED_PER * mean_of_rows(s, 0), square = STATED_PER * STATED_PER * mean_of_rows(s, 1);
-    s->mv = KEPT * s->mv + m * s->noise;
-    s->vv = KEPT * s->vv + s->noise * s->noise;
-    s->square = KEPT * s->square + square;
-    s->measured = KEPT * s->measured + 1.0;
+    s->m = KEPT * s->m + m;
+    s->v = KEPT * s->v + s->noise;
+    s->square = KEPT * KEPT * s->square + square;
     s->seen = false;
 }
 
 double stated_error(const struct stated *s)
 {
-    if (!(s->measured > 0.0))
+    const double wide = STATED_RATIO_OFF * STATED_RATIO_OFF;
+
+    if (!(s->v > 0.0))
         return 0.0;
-    const double expected = s->square / s->measured / (STATED_RATIO_OFF * STATED_RATIO_OFF);
-    const double ratio = (expected * STATED_RATIO + s->mv) / (expected + s->vv + 1e-300);
-    return s->noise * fmax(1.0, ratio);
+    return s->noise * fmax(1.0, (wide * s->m * s->v + s->square * STATED_RATIO) / (wide * s->v * s->v + s->square));
 }

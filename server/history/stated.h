@@ -15,10 +15,10 @@
  * so x is at least a quarter of the mean over 3 x 3 pixels. A measured factor (STATED_PER) makes up for the rest.
  *
  * M tells of the picture before, with much noise. The noise V of any picture, from its two filtered halves, has little.
- * Error and noise fall together, so a picture's error is its V times the ratio that the measurements so far fit best,
- * by least squares, beside the ratio expected of any scene, R +- d:
+ * Error and noise fall together, so a picture's error is its V times the ratio of the measurements so far, m and v,
+ * and of the ratio expected of any scene, R +- d, each by its certainty:
  *
- *     E = V max(1, (t R + sum(q M V)) / (t + sum(q V^2))),    t = var(M) / d^2,    q = KEPT^age
+ *     E = V max(1, (d^2 m v + R var(m)) / (d^2 v^2 + var(m))),    m = sum(q M),    v = sum(q V),    q = KEPT^age
  *
  * The estimate excludes light that the samples cannot find, such as light beyond a limit (light/beside.h). One thread
  * of control. */
@@ -28,7 +28,7 @@
 #include "scene/gbuffer.h"
 
 /* docs/internals/decisions.md has the figures. */
-#define STATED_PER 1.3       /* true over measured M */
+#define STATED_PER 1.2       /* true over measured M */
 #define STATED_RATIO 6.0     /* R: error over noise, and */
 #define STATED_RATIO_OFF 5.0 /* d: its standard deviation between scenes and skies */
 

@@ -1,11 +1,12 @@
 /* The first live pictures, before a cache exists: their relMSE against the truth, and what they state of it
  * (history/stated.h).
  *
- *     first_pictures WxH SCENE|builtin SOURCE SEEDS PICTURES PASSES [TRUTH]
+ *     first_pictures WxH SCENE|builtin SOURCE SEEDS PICTURES PASSES [TRUTH [BEFORE]]
  *
  * One row per picture and seed: relMSE, stated error, their ratio. The last row tells how many pictures that state an
  * error are within 0.67 to 1.5 of the true one. PASSES pairs of 32 samples and 32 eye paths make the truth, which the
- * file TRUTH keeps. No clock is read: load on the machine changes nothing. */
+ * file TRUTH keeps. BEFORE is a source that lights four pictures before the first one: a sky that changes at once. No
+ * clock is read: load on the machine changes nothing. */
 #include "base/mem.h"
 #include "film/film.h"
 #include "light/relight.h"
@@ -15,9 +16,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define BEFORE 4
+
 struct rig {
     struct set *set;
-    struct environment *sky;
+    struct environment *sky, *before; /* before: NULL: none */
     const struct kernels *kernels;
     struct reason why;
     size_t values;
@@ -91,8 +94,12 @@ static enum err run_seed(struct rig *r, uint64_t seed, int pictures, int *stated
     struct relight_stats stats;
     enum err e = relighter ? ERR_OK : ERR_NOMEM;
 
+    for (int k = 0; k < BEFORE && r->before && !e; k++) {
+        struct relight_desc light = live(seed + 1000, k == 0);
+        e = relighter_run(relighter, r->before, &light, r->rgb, &stats);
+    }
     for (int k = 0; k < pictures && !e; k++) {
-        struct relight_desc light = live(seed, k == 0);
+        struct relight_desc light = live(seed, k == 0 && !r->before);
         light.direct.why = &r->why;
         light.turn = (uint64_t)k;
         e = relighter_run(relighter, r->sky, &light, r->rgb, &stats);
@@ -108,27 +115,36 @@ static enum err run_seed(struct rig *r, uint64_t seed, int pictures, int *stated
     return e;
 }
 
+static enum err make_sky(struct rig *r, const char *spec, struct environment **out)
+{
+    const struct source_desc source = { .spec = spec };
+    struct frame frame = { 0 };
+
+    *out = environment_create(&(struct environment_desc){ .n = 0 });
+    enum err e = *out ? source_first(&source, &frame, &r->why) : err_say(&r->why, ERR_NOMEM, "out of memory");
+    if (!e)
+        e = environment_update(*out, &frame, &r->why);
+    frame_finish(&frame);
+    return e;
+}
+
 static enum err make(struct rig *r, char **argv)
 {
     struct set_desc set = { .scene = strcmp(argv[2], "builtin") ? argv[2] : NULL };
-    const struct source_desc source = { .spec = argv[3] };
-    struct frame frame = { 0 };
     enum err e = kernels_select(NULL, &r->kernels, &r->why);
 
     if (sscanf(argv[1], "%ux%u", &set.width, &set.height) != 2)
         return err_say(&r->why, ERR_USAGE, "size %s: WxH is right", argv[1]);
     r->values = 3 * (size_t)set.width * set.height;
-    r->sky = environment_create(&(struct environment_desc){ .n = 0 });
     for (int k = 0; k < 2; k++)
         r->half[k] = mem_alloc(r->values, sizeof(float));
     r->rgb = mem_alloc(r->values, sizeof(float));
-    if (!r->sky || !r->half[0] || !r->half[1] || !r->rgb)
+    if (!r->half[0] || !r->half[1] || !r->rgb)
         return err_say(&r->why, ERR_NOMEM, "out of memory");
     if (!e)
-        e = source_first(&source, &frame, &r->why);
-    if (!e)
-        e = environment_update(r->sky, &frame, &r->why);
-    frame_finish(&frame);
+        e = make_sky(r, argv[3], &r->sky);
+    if (!e && argv[7] && argv[8])
+        e = make_sky(r, argv[8], &r->before);
     return e ? e : set_create(&set, &r->set, &r->why);
 }
 
@@ -138,7 +154,7 @@ int main(int argc, char **argv)
     int stated = 0, within = 0;
 
     if (argc < 7) {
-        fprintf(stderr, "usage: first_pictures WxH SCENE|builtin SOURCE SEEDS PICTURES PASSES [TRUTH]\n");
+        fprintf(stderr, "usage: first_pictures WxH SCENE|builtin SOURCE SEEDS PICTURES PASSES [TRUTH [BEFORE]]\n");
         return 2;
     }
     enum err e = make(&r, argv);
@@ -152,6 +168,7 @@ int main(int argc, char **argv)
         printf("%d of %d within 0.67 and 1.5\n", within, stated);
     set_destroy(r.set);
     environment_destroy(r.sky);
+    environment_destroy(r.before);
     mem_free(r.half[0]);
     mem_free(r.half[1]);
     mem_free(r.rgb);
