@@ -22,6 +22,8 @@ photons | mathematics.md 13 | photons and virtual point lights within their bias
 materials | mathematics.md 8 | what white surfaces return, by roughness
 figure5 | mathematics.md 14 | relMSE times time of eye paths over the light tracer's, and the errors of path and mlt in equal time
 changes | transport-cache.md | processor time of a cached picture of which a tenth of the sky has changed, over a whole one's
+unbiased | transport-cache.md | what correcting the cache by random samples costs, and the bias that it removes
+lpg13 | speed-and-accuracy.md | shares against sixths of the faces, and Delta E by samples, on a plaza and a glossy knot under clouds
 stated | speed-and-accuracy.md | the error that images state over their true error
 faults | testing.md | faults that once passed are noticed by a unit test of their own room
 END
@@ -43,6 +45,28 @@ photons() { unit estimators_test_baselines photons_bring_caustics point_lights_b
 materials() { unit brdf_test_lobes white_surfaces_return_nearly_everything_and_no_more; }
 figure5() { "$bin/figure5"; }
 changes() { "$bin/changes" --turns 15 2>"$work/log"; }
+unbiased() {
+    local scene
+    for scene in "" "$root/docs/examples/steps.json"; do
+        "$bin/unbiased" ${scene:+--scene "$scene"} 2>"$work/log"
+    done
+}
+
+lpg13() { # visibility is traced, which the paper leaves out
+    local scene method samples
+    /usr/bin/python3 -B "$root/docs/examples/proof.py" "$work"
+    for scene in plaza knot; do
+        local render=("$bin/relight-render" --scene "$work/$scene.json" --source "$work/clouds.hdr" --size 96x54 --paths direct)
+        "${render[@]}" --method mis --samples 4096 --seed 99 --out "$work/truth.exr" 2>"$work/log"
+        for method in faces:60 faces-uniform:60 faces-uniform:180 mis:60 mis:240; do
+            samples="${method#*:}"
+            "${render[@]}" --method "${method%:*}" --samples "$samples" --out "$work/one.exr" 2>"$work/log"
+            echo "$scene, ${method%:*}, $samples samples: $("$bin/relight-diff" --json "$work/one.exr" "$work/truth.exr" |
+                sed 's/.*"rel_mse": \([0-9.e-]*\).*"delta_e": \([0-9.e-]*\).*/relMSE \1, Delta E \2/')"
+        done
+    done
+}
+
 stated() { RELIGHT_BIN="$bin" "$root/tests/figures/stated.py"; }
 faults() { "$root/tests/mutate/run.sh" --planted; }
 

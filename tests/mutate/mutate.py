@@ -8,7 +8,7 @@ explains. Builds in build/mutate, a copy of the tree, which is kept for the next
 ROOM        a folder of server/, or `protocol` or `decoders`; without: all of the table below
 --seed N    which faults are drawn (1); the same seed draws the same faults from the same sources
 --count N   how many a room (20)
---seconds N of tests for each fault, by their usual times (20)
+--seconds N of tests for each fault, by their usual times (20, more in rooms whose tests take long)
 --least P   exit 1 where fewer than P percent of a room's faults are noticed (without: the targets in the table below)
 --planted   instead: the faults of planted.txt, each of which the unit tests of its own room must notice
 --list      prints the faults that would be made
@@ -33,6 +33,7 @@ TARGETS = {"env": 95, "brdf": 95, "film": 95, "estimators": 95, "protocol": 95, 
 SOURCES = {"protocol": ["protocol/*.c", "server/stream/message_*.c", "server/stream/assembly.c", "server/stream/texels.c"],
            "decoders": ["server/codec/**/*.[ch]", "server/decoder/*.[ch]"]}
 TESTS = {"protocol": ["stream"], "decoders": ["codec", "decoder"]}
+SECONDS = {"estimators": 90.0, "transport": 60.0, "light": 60.0}  # of tests for each fault, where they take long; else 20
 AT_LEAST = 20.0  # seconds that a test may take before it counts as one that never ends; more where it usually takes more
 
 
@@ -188,7 +189,7 @@ def run_room(suite, room, a):
         if (str(path), before, after) in known:
             tally["explained"] += 1
             continue
-        by = suite.noticed(path, mutant, suite.order(room, path, a.seconds))
+        by = suite.noticed(path, mutant, suite.order(room, path, a.seconds or SECONDS.get(room, 20.0)))
         tally["invalid" if by is None else "killed" if by else "survived"] += 1
         if by == "":
             print(f"{path}:{number}: {mutant.what} was not noticed\n    - {before}\n    + {after}", flush=True)
@@ -223,7 +224,7 @@ def arguments():
     p.add_argument("rooms", nargs="*")
     p.add_argument("--seed", type=int, default=1)
     p.add_argument("--count", type=int, default=20)
-    p.add_argument("--seconds", type=float, default=20.0)
+    p.add_argument("--seconds", type=float)
     p.add_argument("--least", type=float)
     for flag in ("--planted", "--list", "--verbose"):
         p.add_argument(flag, action="store_true")

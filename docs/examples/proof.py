@@ -1,0 +1,165 @@
+#!/usr/bin/env python3
+"""Writes two scenes and a sky for measurements: plaza.obj and plaza.json (arcades around a paved square with steps and an
+obelisk, matte), knot.obj and knot.json (a glossy knot of 240 000 triangles on a plinth), and clouds.hdr (broken clouds
+around a sun that is not clipped: 3e4 times the sky).
+
+    python3 proof.py FOLDER
+"""
+import json
+import math
+import pathlib
+import random
+import struct
+import sys
+
+WIDTH, HEIGHT = 512, 256  # of the sky
+SUN = (0.8, 0.28)  # its place in the picture
+ALONG, AROUND = 3000, 40  # of the knot
+
+
+class Mesh:
+    def __init__(self):
+        self.lines, self.count = [], 0
+
+    def use(self, material):
+        self.lines.append(f"usemtl {material}")
+
+    def quad(self, *corners):
+        self.lines += ["v %.4f %.4f %.4f" % c for c in corners]
+        self.lines.append("f %d %d %d %d" % tuple(self.count + k for k in (1, 2, 3, 4)))
+        self.count += 4
+
+    def box(self, x0, x1, y0, y1, z0, z1):
+        p = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (z0, z1)]
+        for a, b, c, d in ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)):
+            self.quad(p[a], p[b], p[c], p[d])
+
+    def write(self, path):
+        path.write_text("\n".join(self.lines) + "\n")
+
+
+def plaza():
+    mesh, rng = Mesh(), random.Random(4)
+    mesh.use("paving")
+    for i in range(-12, 12):
+        for j in range(-12, 12):
+            y = rng.uniform(0, 0.01)
+            mesh.quad((i, y, j), (i, y, j + 0.97), (i + 0.97, y, j + 0.97), (i + 0.97, y, j))
+    mesh.quad((-40, -0.005, -40), (-40, -0.005, 40), (40, -0.005, 40), (40, -0.005, -40))
+    mesh.use("stone")
+    for k in range(4):  # steps and obelisk
+        mesh.box(-2 + 0.4 * k, 2 - 0.4 * k, 0.25 * k, 0.25 * (k + 1), -2 + 0.4 * k, 2 - 0.4 * k)
+    mesh.box(-0.4, 0.4, 1, 5.5, -0.4, 0.4)
+    mesh.use("plaster")
+    for side in range(3):  # arcades on three sides: pillars, lintel, wall behind
+        turn = lambda x0, x1, z0, z1: ((x0, x1, z0, z1), (z0, z1, x0, x1), (-z1, -z0, x0, x1))[side]  # noqa: B023, E731
+        for k in range(-11, 12, 2):
+            x0, x1, z0, z1 = turn(k - 0.3, k + 0.3, -11.5, -10.9)
+            mesh.box(x0, x1, 0, 3.2, z0, z1)
+        x0, x1, z0, z1 = turn(-11.5, 11.5, -14, -10.9)
+        mesh.box(x0, x1, 3.2, 4.4, z0, z1)
+        x0, x1, z0, z1 = turn(-11.5, 11.5, -14, -13.7)
+        mesh.box(x0, x1, 0, 3.2, z0, z1)
+    return mesh, {
+        "camera": {"position": [6.5, 3.4, 10.5], "look_at": [-0.5, 1.6, -2], "up": [0, 1, 0], "fov_y_degrees": 48},
+        "models": [{"file": "plaza.obj"}],
+        "materials": {"paving": {"type": "lambert", "albedo": [0.42, 0.4, 0.37]},
+                      "stone": {"type": "lambert", "albedo": [0.62, 0.6, 0.55]},
+                      "plaster": {"type": "lambert", "albedo": [0.7, 0.58, 0.45]}},
+    }
+
+
+def knot():
+    """A tube about a (2, 3) torus knot, its radius rippled, so that every triangle has another normal."""
+    def centre(t):
+        r = 1.0 + 0.42 * math.cos(3 * t)
+        return r * math.cos(2 * t), 1.75 + 0.55 * math.sin(3 * t), r * math.sin(2 * t)
+
+    mesh = Mesh()
+    mesh.use("floor")
+    mesh.quad((-9, 0, -9), (-9, 0, 9), (9, 0, 9), (9, 0, -9))
+    mesh.use("stone")
+    mesh.box(-1.2, 1.2, 0, 0.7, -1.2, 1.2)
+    mesh.use("glaze")
+    first, lines = mesh.count, mesh.lines
+    for i in range(ALONG):
+        t = 2 * math.pi * i / ALONG
+        a, b = centre(t), centre(t + 1e-4)
+        along = [q - p for p, q in zip(a, b)]
+        size = math.sqrt(sum(k * k for k in along))
+        along = [k / size for k in along]
+        side = [along[2], 0, -along[0]]
+        size = math.sqrt(sum(k * k for k in side))
+        side = [k / size for k in side]
+        up = [side[1] * along[2] - side[2] * along[1], side[2] * along[0] - side[0] * along[2], side[0] * along[1] - side[1] * along[0]]
+        for j in range(AROUND):
+            f = 2 * math.pi * j / AROUND
+            r = 0.3 * (1 + 0.05 * math.sin(60 * t) * math.cos(4 * f))
+            lines.append("v %.5f %.5f %.5f" % tuple(a[k] + r * (math.cos(f) * side[k] + math.sin(f) * up[k]) for k in range(3)))
+    for i in range(ALONG):
+        for j in range(AROUND):
+            p, q = i * AROUND, (i + 1) % ALONG * AROUND
+            corners = (p + j, p + (j + 1) % AROUND, q + (j + 1) % AROUND, q + j)
+            lines.append("f %d %d %d %d" % tuple(first + 1 + k for k in corners))
+    return mesh, {
+        "camera": {"position": [2.6, 2.6, 4.4], "look_at": [0, 1.4, 0], "up": [0, 1, 0], "fov_y_degrees": 38},
+        "models": [{"file": "knot.obj", "smooth": True}],
+        "materials": {"floor": {"type": "lambert", "albedo": [0.4, 0.4, 0.42]}, "stone": {"type": "lambert", "albedo": [0.6, 0.57, 0.5]},
+                      "glaze": {"type": "phong", "diffuse": [0.1, 0.28, 0.36], "specular": [0.55, 0.55, 0.55], "exponent": 150}},
+    }
+
+
+def noise(rng):
+    """Smooth noise on the sphere's directions, about 0 to 1: sums of waves of falling size."""
+    waves = []
+    for octave in range(5):
+        for _ in range(6):
+            w = [rng.gauss(0, 1) * 2.2 * 2 ** octave for _ in range(3)]
+            waves.append((0.5 ** octave, w, rng.uniform(0, 2 * math.pi)))
+    return lambda d: 0.5 + 0.13 * sum(a * math.sin(w[0] * d[0] + w[1] * d[1] + w[2] * d[2] + p) for a, w, p in waves)
+
+
+def direction(u, v):
+    phi, theta = math.pi - 2 * math.pi * u, math.pi * v
+    return math.sin(theta) * math.sin(phi), math.cos(theta), math.sin(theta) * math.cos(phi)
+
+
+def texel(d, sun, cover):
+    near = sum(a * b for a, b in zip(d, sun))
+    if d[1] < 0:
+        return [0.12, 0.11, 0.1]
+    cloud = min(1.0, max(0.0, (cover((d[0] / (d[1] + 0.25), 0.0, d[2] / (d[1] + 0.25))) - 0.42) * 4))
+    blue = [0.25 + 0.1 * (1 - d[1]), 0.42 + 0.12 * (1 - d[1]), 0.85]
+    glow = 1.5 * max(0.0, near) ** 60
+    grey = 0.5 + 1.3 * max(0.0, near) ** 8 + 0.3 * (1 - cloud)
+    rgb = [(1 - cloud) * (b + glow) + cloud * grey for b in blue]
+    if near > math.cos(math.radians(0.55)):
+        rgb = [c + 3e4 * k * (1 - 0.999 * cloud) for c, k in zip(rgb, (1, 0.92, 0.8))]
+    return rgb
+
+
+def clouds(path):
+    """Radiance RGBE without run lengths: exponents hold the sun."""
+    cover, sun = noise(random.Random(9)), direction(*SUN)
+    with open(path, "wb") as out:
+        out.write(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % (HEIGHT, WIDTH))
+        for y in range(HEIGHT):
+            for x in range(WIDTH):
+                rgb = texel(direction((x + 0.5) / WIDTH, (y + 0.5) / HEIGHT), sun, cover)
+                exponent = math.frexp(max(rgb))[1]
+                scale = 256.0 / 2.0 ** exponent
+                out.write(struct.pack("4B", *(min(255, int(c * scale)) for c in rgb), exponent + 128))
+
+
+def main():
+    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
+        sys.exit(__doc__.strip())
+    folder = pathlib.Path(sys.argv[1])
+    for name, (mesh, scene) in (("plaza", plaza()), ("knot", knot())):
+        mesh.write(folder / f"{name}.obj")
+        (folder / f"{name}.json").write_text(json.dumps(scene, indent=1) + "\n")
+    clouds(folder / "clouds.hdr")
+
+
+if __name__ == "__main__":
+    main()

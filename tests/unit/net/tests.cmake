@@ -1,0 +1,2 @@
+unit_test(net test_site)
+unit_test(net test_tls_self PkgConfig::OPENSSL)
