@@ -67,12 +67,13 @@ MUST_CHECK enum err ranks_broadcast_from(struct ranks *r, uint32_t from, void *b
 void ranks_share_number(struct ranks *r, double own, double *all);
 
 /* Two pictures can be on their way at once: turn 0 and turn 1. Rank 0 begins the broadcast of a turn's bytes, expects
- * answers from other ranks, and ranks_receive waits for all of them; the memory must stay valid until then. The others
+ * answers from other ranks, and ranks_receive waits for all of them, in the order of ranks, for waited[k] seconds each
+ * (double[ranks_count]; NULL: it does not matter); the memory must stay valid until then. The others
  * call ranks_broadcast for the same bytes. ERR_IO: stopped while waiting. ERR_RANGE: an answer above 2 GB, or
  * broadcasts above 512 MB. */
 MUST_CHECK enum err ranks_begin_broadcast(struct ranks *r, int turn, void *bytes, size_t size);
 MUST_CHECK enum err ranks_expect(struct ranks *r, int turn, uint32_t from, void *bytes, size_t size);
-MUST_CHECK enum err ranks_receive(struct ranks *r, int turn);
+MUST_CHECK enum err ranks_receive(struct ranks *r, int turn, double *waited);
 
 /* Other ranks begin to send an answer, once the one before is sent. Its bytes must stay valid until the end of the next
  * ranks_send or ranks_sent, which waits for the last. Errors as above. */

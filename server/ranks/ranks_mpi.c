@@ -417,7 +417,7 @@ enum err ranks_expect(struct ranks *r, int turn, uint32_t from, void *bytes, siz
     return ERR_OK;
 }
 
-enum err ranks_receive(struct ranks *r, int turn)
+enum err ranks_receive(struct ranks *r, int turn, double *waited)
 {
     struct turn *t = &r->turn[turn];
     enum err e = ERR_OK;
@@ -425,9 +425,13 @@ enum err ranks_receive(struct ranks *r, int turn)
     for (int k = 0; k < t->pieces && !e; k++)
         e = wait_or_stop(r, &t->begun[k]);
     t->pieces = 0;
-    for (int k = 1; k < r->count && !e; k++)
+    for (int k = 1; k < r->count && !e; k++) {
+        const double start = clock_seconds();
         if (t->expected[k] != MPI_REQUEST_NULL)
             e = wait_or_stop(r, &t->expected[k]);
+        if (waited)
+            waited[k] = clock_seconds() - start;
+    }
     return e;
 }
 

@@ -72,8 +72,8 @@ static enum err serve_one(struct team *t, const struct order *order, float *lo, 
     const size_t size = answer_bytes(t, packets);
     uint8_t *out = room_for(&t->out[t->turn], size); /* the answer before may still be on its way */
     t->turn = !t->turn;
-    const double lit_s = clock_seconds() - start, seconds = lit_s + t->held_s; /* a slow link counts like a slow rank */
-    t->stats.part_s += lit_s;
+    const double seconds = clock_seconds() - start;
+    t->stats.part_s += seconds;
     e = e || out ? e : ERR_NOMEM;
     const struct answer a = { e, seconds, stats.direct.rays, relighter_memory(t->desc.relighter) };
     *failed = e;
@@ -82,10 +82,7 @@ static enum err serve_one(struct team *t, const struct order *order, float *lo, 
         return ranks_send(t->desc.ranks, &t->failure, sizeof(a));
     memcpy(out, &a, sizeof(a));
     pack_light(t, lo + (size_t)part.first * BLOCK, (size_t)packets * BLOCK, out + sizeof(a));
-    const double packed = clock_seconds();
-    e = ranks_send(t->desc.ranks, out, size);
-    t->held_s = clock_seconds() - packed;
-    return e;
+    return ranks_send(t->desc.ranks, out, size);
 }
 
 enum err team_serve(struct team *t, struct reason *why)

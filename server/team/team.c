@@ -21,6 +21,7 @@
 #define MARGIN_MIN 8        /* and some packets, since parts begin at blocks; */
 #define MARGIN_FIRST 0.75   /* this part during the first pictures, in which the shares are measured, */
 #define FIRST 12            /* of so many pictures with a cache */
+#define WAITED 2e-3         /* seconds: longer than a poll */
 #define RANGE 2.0           /* initial shares differ from the mean by 2^-RANGE .. 2^RANGE */
 
 static uint32_t margin_of(const struct team *t, bool settled)
@@ -253,10 +254,12 @@ static enum err deal(struct team *t, struct dealt *d, const struct environment *
     return result ? result : expect_all(t, d);
 }
 
-/* Copies the parts of other ranks to their places, except the packets that rank 0 has lit itself. */
-static enum err take_all(struct team *t, const struct dealt *d, const struct packet_list *own, float *lo,
+/* Copies the parts of other ranks to their places, except the packets that rank 0 has lit itself. A rank for which rank
+ * 0 had to wait has taken all the time since then: its link may be slow. */
+static enum err take_all(struct team *t, const struct dealt *d, const struct packet_list *own, float *lo, double since,
                          struct relight_stats *stats)
 {
+    const double taken_s = clock_seconds() - since;
     float *kept = own->count ? mem_alloc_raw((size_t)own->count * BLOCK, sizeof(*kept)) : NULL;
     const uint8_t *at = d->in.at;
     enum err e = own->count && !kept ? ERR_NOMEM : ERR_OK;
@@ -272,7 +275,7 @@ static enum err take_all(struct team *t, const struct dealt *d, const struct pac
             unpack_light(t, at + sizeof(a), lo + (size_t)d->cuts[k] * BLOCK, (size_t)packets * BLOCK);
         t->stats.memory_most = k == 1 || a.memory > t->stats.memory_most ? a.memory : t->stats.memory_most;
         stats->direct.rays += a.rays;
-        learn(t, k, packets, a.seconds);
+        learn(t, k, packets, t->waited[k] > WAITED ? fmax(a.seconds, taken_s) : a.seconds);
         at += answer_bytes(t, packets);
     }
     for (uint32_t i = 0; i < own->count && !e; i++)
@@ -339,7 +342,7 @@ static bool is_ordered(const struct dealt *d, const struct environment *e, const
 static enum err receive(struct team *t, struct dealt *d)
 {
     d->open = false;
-    return ranks_receive(t->desc.ranks, turn_of(t, d));
+    return ranks_receive(t->desc.ranks, turn_of(t, d), t->waited);
 }
 
 /* Rank 0's speed: of its part alone if the others wait for its other work, and of all it does between two pictures if
@@ -391,7 +394,7 @@ static enum err points(void *context, struct relighter *r, const struct environm
         learn_own(t, early, own.end - own.first, lit - start, looked);
     result = result ? result : received;
     if (!result)
-        result = take_all(t, d, narrow ? transport_narrow(cache) : &nothing, lo, stats);
+        result = take_all(t, d, narrow ? transport_narrow(cache) : &nothing, lo, early ? t->end_s : start, stats);
     t->end_s = clock_seconds();
     return result;
 }
@@ -433,6 +436,7 @@ enum err team_create(const struct team_desc *desc, struct team **out, struct rea
         t->own = ranks_index(desc->ranks);
         t->count = ranks_count(desc->ranks);
         t->speed = mem_alloc(t->count, sizeof(*t->speed));
+        t->waited = mem_alloc(t->count, sizeof(*t->waited));
         for (int turn = 0; turn < 2; turn++)
             t->dealt[turn].cuts = mem_alloc((size_t)t->count + 1, sizeof(*t->cuts));
         t->cuts = t->dealt[0].cuts;
@@ -444,7 +448,8 @@ enum err team_create(const struct team_desc *desc, struct team **out, struct rea
         sky.lean = true;
         t->environment = t->own > 0 ? environment_create(&sky) : NULL;
     }
-    const bool all = t && t->speed && t->cuts && t->dealt[1].cuts && t->shares && (t->environment || t->own == 0);
+    const bool all =
+        t && t->speed && t->waited && t->cuts && t->dealt[1].cuts && t->shares && (t->environment || t->own == 0);
     enum err e = ranks_agree(desc->ranks, all ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory"), why);
     if (!e)
         e = compare_sets(t, why);
@@ -482,6 +487,7 @@ void team_destroy(struct team *t)
     }
     environment_destroy(t->environment);
     mem_free(t->speed);
+    mem_free(t->waited);
     mem_free(t->shares);
     mem_free(t->in.at);
     for (int turn = 0; turn < 2; turn++) {

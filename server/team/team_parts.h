@@ -45,6 +45,7 @@ struct team {
     struct light_team light;
     struct team_stats stats;
     struct environment *environment; /* of other ranks */
+    double *waited;                  /* [count]: seconds that rank 0 waited for the last picture's answers */
     double *speed;                   /* [count]: packets a second; 0: not measured yet */
     uint32_t *shares;                /* [count + 1]: initial cuts, about which ranks keep packets */
     struct dealt dealt[2];           /* rank 0: this picture's, dealt[turn], and the next one's */
@@ -61,7 +62,6 @@ struct team {
     bool released;           /* packets of other ranks */
     struct bytes in, out[2]; /* of other ranks' messages; out[turn] is the next answer, */
     struct answer failure;   /* or this */
-    double held_s;           /* seconds that the last answer waited for the one before it to be sent */
 };
 
 static inline uint32_t packets_of(const struct team *t)
