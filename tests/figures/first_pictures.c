@@ -6,7 +6,7 @@
  * One row per picture and seed: relMSE, stated error, their ratio. The last row tells how many pictures that state an
  * error are within 0.67 to 1.5 of the true one. PASSES pairs of 32 samples and 32 eye paths make the truth, which the
  * file TRUTH keeps. BEFORE is a source that lights four pictures before the first one: a sky that changes at once. No
- * clock is read: load on the machine changes nothing. */
+ * clock is read but by the store of light paths, where there are mirrors or glass. */
 #include "base/mem.h"
 #include "film/film.h"
 #include "light/relight.h"
