@@ -21,6 +21,10 @@ enum err render_changes_create(struct render *r, struct reason *why)
         return err_say(why, ERR_USAGE, "--changes '%s': change maps are .png", d->changes);
     if (!e)
         e = output_create(&output, d->setup.set_desc.width, d->setup.set_desc.height, &r->maps, why);
+    if (e) {
+        const struct reason same = *why; /* which speaks of --out */
+        return err_say(why, e, "--changes: %s", same.text);
+    }
     if (!e && !output_is_numbered(r->maps) && source_count(r->source) > 1)
         e = err_say(why, ERR_USAGE, "--changes '%s' takes one map: put %%04d into it", d->changes);
     if (!e)
