@@ -47,6 +47,22 @@ async def the_producer_keeps_to_the_protocol(folder):
         check(f.capture_us > 0 and max(struct.unpack("<6144f", f.payload)) == 400, "no time of capture, or no lamp")
 
 
+async def generated_examples_are_small_and_render_without_warnings(folder):
+    examples = PRODUCER.parent
+    for name, flags in (("product", ("--scene", "product.json", "--source", "studio.hdr")), ("house", ("--scene", "house.glb"))):
+        process = await asyncio.create_subprocess_exec("/usr/bin/python3", "-B", str(examples / f"{name}.py"), str(folder))
+        check(await asyncio.wait_for(process.wait(), WAIT_S) == 0, name)
+        size = sum(path.stat().st_size for path in folder.iterdir())
+        check(0 < size < 2_000_000, f"{name}: {size} bytes")
+        process = await asyncio.create_subprocess_exec(
+            str(BIN / "relight-render"), *flags, "--size", "32x18", "--samples", "1", "--eye-paths", "1", "--particles", "1000", "--out",
+            "x.png", cwd=folder, stderr=asyncio.subprocess.PIPE)
+        _, err = await asyncio.wait_for(process.communicate(), WAIT_S)
+        check(process.returncode == 0 and b"warning" not in err and b"error" not in err, err.decode())
+        for path in folder.iterdir():
+            path.unlink()
+
+
 async def relightd_takes_what_the_producer_sends(folder):
     server = await asyncio.create_subprocess_exec(
         str(BIN / "relightd"), "--source", "push:", "--port", "0", "--size", "64x36", "--samples", "4",
