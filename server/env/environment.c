@@ -379,6 +379,13 @@ void environment_set_faces(struct environment *e, const float *rgb)
     sum_faces(e);
 }
 
+bool environment_is_latlong(const struct environment *e)
+{
+    const enum layout layout = e->resampler->table->key.layout;
+
+    return layout == LAYOUT_LATLONG || layout == LAYOUT_LATLONG_BOTTOM_FIRST;
+}
+
 bool environment_is_complete(const struct environment *e)
 {
     return atomic_load(&e->rest->made);

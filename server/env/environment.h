@@ -114,6 +114,7 @@ MUST_CHECK enum err environment_rebuild(struct environment *e, struct reason *wh
  * callers wait. */
 void environment_complete(const struct environment *e);
 bool environment_is_complete(const struct environment *e); /* nothing is deferred */
+bool environment_is_latlong(const struct environment *e);  /* its image; it must be ready */
 
 /* As environment_complete, for the pyramid only, which wide lookups need. */
 void environment_complete_pyramid(const struct environment *e);

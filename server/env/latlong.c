@@ -58,7 +58,7 @@ enum err latlong_build(struct latlong *t, const struct environment *e, struct re
 
     assert(e->ready);
     const enum layout layout = e->resampler->table->key.layout;
-    if (layout != LAYOUT_LATLONG && layout != LAYOUT_LATLONG_BOTTOM_FIRST)
+    if (!environment_is_latlong(e))
         return err_say(why, ERR_UNSUPPORTED,
                        "%s: the layout is %s; lat-long sampling requires latlong or latlong-bottom", e->name,
                        layout_name(layout));

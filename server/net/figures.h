@@ -92,8 +92,9 @@ struct server_figures {
     char preparing[64];                         /* camera whose view is being computed; "": none */
     double prepared;                            /* share of that, 0..1 */
     uint32_t lamp_samples, lamp_samples_wanted; /* of the lamps' light; the second 0: the scene has no lamps */
-    const char *const *cameras; /* names, ended by NULL, that live as long as the server; NULL: not known yet */
-    const char *const *views;   /* likewise: those of the cameras that controllers have saved */
+    const char *const *cameras;     /* names, ended by NULL, that live as long as the server; NULL: not known yet */
+    const char *const *views;       /* likewise: those of the cameras that controllers have saved */
+    const char *const *not_offered; /* likewise: methods that the present sky cannot have; NULL: none. Static. */
 };
 
 /* ---- The table ---- */

@@ -243,8 +243,15 @@ static bool set_unknown(json_t *all, const struct server_figures *f)
     return ok;
 }
 
+static bool has_name(const char *const *names, const char *name)
+{
+    while (names && *names && strcmp(*names, name) != 0)
+        names++;
+    return names && *names;
+}
+
 /* The names of choices that controllers may ask for. */
-static bool set_offers(json_t *all, const struct setting *controls)
+static bool set_offers(json_t *all, const struct setting *controls, const struct server_figures *f)
 {
     json_t *offers = json_object_get(all, "offers");
     bool ok = true;
@@ -252,7 +259,7 @@ static bool set_offers(json_t *all, const struct setting *controls)
     for (const struct setting *row = controls; row && row->key; row++) {
         json_t *names = row->offers ? json_array() : NULL;
         for (const struct setting_choice *c = row->choices; names && c->name; c++)
-            if (choice_has(c->programs, FOR_CONTROL))
+            if (choice_has(c->programs, FOR_CONTROL) && !has_name(f->not_offered, c->name))
                 json_array_append_new(names, json_string(c->name));
         ok = ok && (!row->offers || json_object_set(offers, row->offers, names) == 0);
         json_decref(names);
@@ -287,7 +294,7 @@ char *message_status_shared(const struct server_figures *f, const struct setting
         ok = ok && (!row->json || set_at(all, row->json, value_of(row, f)));
     ok = ok && set_at(all, "source.state", json_string(sources[f->source])) &&
          set_at(all, "source.since_us", json_integer(f->since_us)) && set_unknown(all, f) &&
-         set_offers(all, controls) && set_publish(all, f);
+         set_offers(all, controls, f) && set_publish(all, f);
     if (ok)
         return dump(all);
     json_decref(all);

@@ -127,7 +127,7 @@ static enum err compare(struct diff *d, struct reason *why)
     if (!d->map)
         return err_say(why, ERR_NOMEM, "no memory for %" PRIu32 "x%" PRIu32 " errors", width, height);
     if (!metrics_compare(d->images[0].rgb, d->images[1].rgb, d->mask, width, height, d->trim, d->map, &d->metrics))
-        return err_say(why, ERR_RANGE, "no pixel is left to compare: the mask is black, or memory is out");
+        return err_say(why, ERR_RANGE, "no pixel is left to compare: the mask is black, or out of memory");
     if (!flip_compare(d->images[0].rgb, d->images[1].rgb, d->mask, width, height, d->pixels_per_degree, NULL, &d->flip))
         return err_say(why, ERR_NOMEM, "no memory to compare %" PRIu32 "x%" PRIu32 " as the eye does", width, height);
     take_means(d);

@@ -220,6 +220,18 @@ async def samples_and_error_are_two_wishes_for_one_thing(folder):
                         and "interreflection" in two.last["status"]["light"]["paths"])
 
 
+async def methods_that_cannot_light_a_sky_are_not_offered(folder):
+    for face in ("px", "nx", "py", "ny", "pz", "nz"):
+        (folder / f"{face}.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n" + bytes([128, 128, 128, 129]))
+    for source, panorama in ((f"{folder}/{{face}}.hdr", False), ("sky:size=64x32", True)):
+        async with Daemon("--source", source, "--samples", "1", "--paths", "direct", "--method", "mis") as daemon:
+            one = await Party.come(daemon.url, "viewer")
+            await one.until(lambda: one.last["status"]["frame"] is not None and one.gains)
+            await one.until(lambda: ("latlong" in one.last["status"]["offers"]["methods"]) == panorama)
+            methods = one.last["status"]["offers"]["methods"]
+            check(("latlong-rows" in methods) == panorama and {"mis", "auto", "cached"} <= set(methods), methods)
+
+
 async def a_sequence_is_made_as_was_said_whatever_controllers_say(folder):
     (folder / "got").mkdir()
     async with Relightd() as server:
