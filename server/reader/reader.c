@@ -32,6 +32,7 @@ struct reading {
     int parcel; /* shared memory into which the process writes the scene */
     int64_t until_ms;
     unsigned lines; /* logged for the process */
+    bool starved;   /* this process, not the one that reads, had no memory for a file */
     struct reason *why;
 };
 
@@ -86,6 +87,7 @@ static bool serve(struct reading *r, const struct wire_message *m)
         fd = a.code ? -1 : fd;
         a.size = size;
     }
+    r->starved |= a.code == ERR_NOMEM;
     return answer(r, &a, fd);
 }
 
@@ -125,7 +127,7 @@ static enum err finish(struct reading *r, const struct wire_message *m, struct s
     child_end(&r->child); /* nothing changes the parcel any more */
     switch (m->code) {
     case ERR_OK: return parcel_read(r->parcel, r->path, out, r->why);
-    case ERR_NOMEM: return too_much(r);
+    case ERR_NOMEM: return r->starved ? err_say(r->why, ERR_NOMEM, "%s: out of memory", r->path) : too_much(r);
     case ERR_IO:
     case ERR_FORMAT:
     case ERR_RANGE:
