@@ -158,6 +158,19 @@ static enum err allocate(struct annual *a, struct reason *why)
     return glare_view_create(&a->set->view, &a->glare) ? err_say(why, ERR_NOMEM, "out of memory") : ERR_OK;
 }
 
+static void warn_of_enclosed(const struct annual *a)
+{
+    size_t first = 0;
+    const size_t count =
+        ranks_index(a->desc.ranks) == 0 ? points_enclosed(&a->points, a->set->scene, a->set->rays, &first) : 0;
+
+    if (count > 0)
+        log_warning("%s: %zu of %zu sensors seem to lie within solids, the first is number %zu at "
+                    "%g,%g,%g: their values mean nothing, and count in sDA and ASE; leave them out",
+                    a->desc.sensors, count, a->points.count, first, (double)a->points.at[first].position.x,
+                    (double)a->points.at[first].position.y, (double)a->points.at[first].position.z);
+}
+
 static enum err set_up(struct annual *a, struct reason *why)
 {
     const char *spec = a->desc.setup.source_desc.spec;
@@ -186,6 +199,7 @@ static enum err set_up(struct annual *a, struct reason *why)
         e = allocate(a, why);
     if (e)
         return e;
+    warn_of_enclosed(a);
     if (ranks_index(a->desc.ranks) > 0) /* rank 0 has the tables */
         return ERR_OK;
     const struct digest key = key_of(a);

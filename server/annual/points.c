@@ -402,3 +402,41 @@ void points_finish(struct points *p)
     mem_free(p->at);
     *p = (struct points){ .count = 0 };
 }
+
+/* ---- Points within solids ---- */
+
+#define LOOKS 64
+#define NEAR 1e-4f /* m: a point on a surface does not meet it */
+
+/* Directions of a hemisphere by Vogel's spiral, cosine-weighted. */
+static bool is_enclosed(const struct scene *scene, const struct rays *rays, const struct sensor *s)
+{
+    int backs = 0;
+    const struct vec3 n = s->normal,
+                      side = fabsf(n.y) < 0.9f ? vec3_make(0.0f, 1.0f, 0.0f) : vec3_make(1.0f, 0.0f, 0.0f);
+    const struct vec3 t = vec3_normalize(vec3_cross(side, n)), u = vec3_cross(n, t);
+
+    for (int k = 0; k < LOOKS; k++) {
+        const double r = sqrt((k + 0.5) / LOOKS), turn = 2.399963229728653 * k;
+        const struct vec3 flat = vec3_add(vec3_scale(t, (float)(r * cos(turn))), vec3_scale(u, (float)(r * sin(turn))));
+        const struct vec3 dir = vec3_normalize(vec3_add(flat, vec3_scale(n, (float)sqrt(1.0 - r * r))));
+        struct surface met;
+        struct hit h;
+        if (!rays_intersect(rays, s->position, dir, NEAR, &h) ||
+            scene->materials[scene->meshes[h.mesh].material].kind == MATERIAL_GLASS)
+            return false;
+        rays_surface(rays, &h, vec3_scale(dir, -1.0f), &met);
+        backs += !met.outside;
+    }
+    return 4 * backs > LOOKS;
+}
+
+size_t points_enclosed(const struct points *p, const struct scene *scene, const struct rays *rays, size_t *first)
+{
+    size_t count = 0;
+
+    for (size_t i = 0; i < p->count; i++)
+        if (is_enclosed(scene, rays, &p->at[i]) && count++ == 0)
+            *first = i;
+    return count;
+}

@@ -4,6 +4,7 @@
 #define ANNUAL_POINTS_H
 
 #include "base/err.h"
+#include "scene/rays.h"
 #include "scene/scene.h"
 #include "scene/sensors.h"
 
@@ -25,5 +26,10 @@ struct points {
  * it; ERR_RANGE: more than POINTS_MAX; ERR_NOMEM. */
 MUST_CHECK enum err points_read(const char *spec, const struct scene *scene, struct points *out, struct reason *why);
 void points_finish(struct points *p); /* zeroed memory is allowed */
+
+/* The number of points that seem to lie within a solid: of 64 rays into their hemisphere none escapes or meets glass,
+ * and a quarter meets the back of a surface; others may meet the front of a solid that touches this one. *first: the
+ * first of them. The cache's light is meaningless there: its records may cover both sides of a thin wall. */
+size_t points_enclosed(const struct points *p, const struct scene *scene, const struct rays *rays, size_t *first);
 
 #endif

@@ -150,6 +150,27 @@ static void the_suns_disc_is_seen_or_not(void **state)
     discard(s);
 }
 
+static void a_sensor_within_a_solid_is_found(void **state)
+{
+    const struct vec3 up = { 0.0f, 1.0f, 0.0f };
+    struct sensor at[3] = { { { 0.0f, 1.5f, 0.0f }, up }, { { 0.0f, 0.5f, 0.0f }, up }, { { 0.0f, 0.95f, 0.0f }, up } };
+    const struct points p = { .at = at, .count = 3 };
+    struct scene *s = slab();
+    size_t first = 0;
+
+    (void)state;
+    struct rays *rays = rays_create(s);
+    assert_int_equal(points_enclosed(&p, s, rays, &first), 1);
+    assert_int_equal(first, 2);
+    at[2].normal.y = -1.0f;  /* the lower side's back */
+    at[0].position.y = 1.0f; /* on the upper side */
+    assert_int_equal(points_enclosed(&p, s, rays, &first), 1);
+    s->materials[0].kind = MATERIAL_GLASS;
+    assert_int_equal(points_enclosed(&p, s, rays, &first), 0);
+    rays_destroy(rays);
+    discard(s);
+}
+
 /* Below a slab of tinted thin glass, whose two sides the sun crosses: its light times their transmittance, twice. */
 static void the_sun_behind_a_tinted_pane_is_weighted_by_its_transmittance(void **state)
 {
@@ -212,6 +233,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(bad_lines_are_refused),
     cmocka_unit_test(the_sun_behind_a_tinted_pane_is_weighted_by_its_transmittance),
     cmocka_unit_test(the_suns_disc_is_seen_or_not),
+    cmocka_unit_test(a_sensor_within_a_solid_is_found),
     cmocka_unit_test(sensors_follow_the_cameras_packets),
 };
 
