@@ -107,11 +107,13 @@ const pause = async (page, more = {}) => {
     window.stillFor = null;
     window.relight.app.send({ op: 'control', request: 1, paused: true, ...m });
   }, more);
-  await page.waitForFunction(() => {
+  await page.waitForFunction((hour) => {
     const { sequence, frame } = window.relight.lastHeader;
     if (window.stillFor?.sequence !== sequence) window.stillFor = { sequence, since: performance.now() };
-    return window.relight.status.source.state === 'paused' && window.relight.status.frame === frame && performance.now() - window.stillFor.since > 1200;
-  }, null, { timeout: 60000, polling: 100 });
+    const { status } = window.relight;
+    return status.source.state === 'paused' && status.frame === frame && (hour === undefined || Math.abs(status.source.hour - hour) < 1e-3) &&
+      performance.now() - window.stillFor.since > 1200;
+  }, more.hour, { timeout: 60000, polling: 100 });
 };
 
 test('the kept image and its label stay while the live one continues', () => withPage([...MOVING, '--converge', 'off'], async (page) => {
