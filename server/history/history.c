@@ -8,9 +8,8 @@
 
 #define GROUP 128 /* packets, side by side in the picture for the most part, that share w */
 #define FLOATS ((size_t)3 * PACKET)
-#define SOFT 1e-2    /* of relMSE */
-#define CHANGED 0.25 /* mean weight of what was known, below which the sky is another; it is 1/2 in a second picture   \
-                      */
+#define SOFT 1e-2        /* of relMSE */
+#define CHANGED 0.25     /* mean weight of what was known: below, the sky is another; a second picture has 1/2 */
 #define WEIGHT_MOST 0.98 /* of the cache's light, against the first samples */
 
 struct group { /* sums of V and D */
@@ -20,18 +19,17 @@ struct group { /* sums of V and D */
 struct history {
     struct denoiser *denoiser;
     uint32_t packets;
-    uint64_t key, turn; /* pictures since it began */
-    bool followed;      /* in this picture */
-    bool moved;         /* the cache's light did, in this picture */
-    bool has_cache;     /* `cache` is that of the last picture */
-    bool still;         /* the sky is that of the last picture */
-    float *half[2];     /* B, [packets][3][16], as what follows */
-    float *cache;       /* C of the last picture */
-    float *shown;       /* P, changed with C */
-    float *target;      /* what it moves to: the filter's output, likewise */
-    const float
-        *filtered[2]; /* the halves that the last picture's light was filtered from: `half`, or the denoiser's */
-    float *apart;     /* half the difference of the filtered halves, without a cache */
+    uint64_t key, turn;       /* pictures since it began */
+    bool followed;            /* in this picture */
+    bool moved;               /* the cache's light did, in this picture */
+    bool has_cache;           /* `cache` is that of the last picture */
+    bool still;               /* the sky is that of the last picture */
+    float *half[2];           /* B, [packets][3][16], as what follows */
+    float *cache;             /* C of the last picture */
+    float *shown;             /* P, changed with C */
+    float *target;            /* what it moves to: the filter's output, likewise */
+    const float *filtered[2]; /* the filtered halves; NULL: none in this picture */
+    float *apart;             /* half the difference of the filtered halves, without a cache */
     struct stated *stated;
     float *final; /* [packets], as what follows */
     float *count; /* n; 0: nothing is known, and B is C */
@@ -334,8 +332,11 @@ void history_show(struct history *h, const float *const more[2], float *lo)
 
 double history_error(struct history *h, const float *rgb)
 {
-    if (h->followed)
+    const float *const half[2] = { h->filtered[0], h->filtered[1] };
+
+    h->filtered[0] = h->filtered[1] = NULL;
+    if (h->followed || !half[0])
         return 0.0;
-    stated_see(h->stated, rgb, &(struct stated_light){ h->shown, { h->filtered[0], h->filtered[1] }, h->apart });
+    stated_see(h->stated, rgb, &(struct stated_light){ h->shown, { half[0], half[1] }, h->apart });
     return stated_error(h->stated);
 }

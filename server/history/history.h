@@ -59,7 +59,8 @@ const struct packet_list *history_beyond(const struct history *h);
 void history_add(struct history *h, const float *const more[2], const float *scale);
 
 /* After history_show: the estimated error of the displayed light in the picture rgb, float[height][width][3], which may
- * contain other light, too (stated.h). 0: unknown, in the first picture and with a cache. */
+ * contain other light, too (stated.h). 0: unknown, in the first picture, with a cache and
+ * in a picture that was cancelled before history_show. */
 double history_error(struct history *h, const float *rgb);
 
 /* Writes the picture's light to lo, float[packet_count][3][16]. more: two halves of further light of this picture, in

@@ -57,6 +57,30 @@ static void picture(struct rig *r, float cache, float a, float b)
     history_show(r->history, NULL, r->lo);
 }
 
+/* Nothing was filtered for a cancelled picture: it states no error, nor that of the one before. */
+static void a_cancelled_picture_states_no_error(void **state)
+{
+    struct rig r = rig_make();
+    float *rgb = mem_alloc((size_t)WIDTH * HEIGHT, 3 * sizeof(float));
+    double error = 0.0;
+
+    (void)state;
+    assert_non_null(rgb);
+    for (size_t i = 0; i < (size_t)3 * WIDTH * HEIGHT; i++)
+        rgb[i] = 0.5f;
+    history_begin(r.history, 1);
+    assert_true(history_error(r.history, rgb) == 0.0);
+    for (int i = 0; i < 3; i++) {
+        picture(&r, -1.0f, 0.4f + 0.1f * (float)i, 0.8f);
+        error = history_error(r.history, rgb);
+    }
+    assert_true(error > 0.0);
+    history_begin(r.history, 1);
+    assert_true(history_error(r.history, rgb) == 0.0);
+    mem_free(rgb);
+    rig_finish(&r);
+}
+
 /* Rough everywhere, with the versions of the picture before. */
 static void versions(struct rig *r, float final, bool changed)
 {
@@ -298,6 +322,7 @@ static void a_history_ends_with_the_finished_cache(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(a_cancelled_picture_states_no_error),
     cmocka_unit_test(noise_becomes_the_plain_mean),
     cmocka_unit_test(the_cache_predicts_what_the_sky_changes),
     cmocka_unit_test(packets_take_turns),
