@@ -26,7 +26,7 @@ static void read_picture(const uint8_t *bytes, size_t size)
     require(p.width >= 1 && p.width <= PROTOCOL_SIDE_MAX && p.height >= 1 && p.height <= PROTOCOL_SIDE_MAX, "sides");
     require(p.sequence >= 1 && p.sequence <= PROTOCOL_NUMBER_MAX && p.frame <= PROTOCOL_NUMBER_MAX, "numbers");
     require(isfinite(p.gain) && p.gain >= 0.0f, "gain");
-    require(p.format >= PROTOCOL_JPEG && p.format <= PROTOCOL_H264, "format");
+    require(p.format >= PROTOCOL_JPEG && p.format <= PROTOCOL_CHANGES, "format");
     protocol_picture_encode(&p, again); /* the same bytes, except fields of later versions */
     require(memcmp(again + 8, bytes + 8, 68) == 0, "what was read is what was written");
 }
