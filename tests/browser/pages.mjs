@@ -15,6 +15,7 @@ const folder = mkdtempSync(join(tmpdir(), 'relight-pages-'));
 
 const settled = (page, ms = 2500) => page.waitForTimeout(ms); // for noise to disappear and statistics to arrive
 const drawn = (page) => page.waitForFunction(() => window.relight?.frames > 0 && window.relight.app.control, null, { timeout: 120000 });
+const withSky = async (page) => { await drawn(page); await page.waitForFunction(() => window.relight.sky?.sky, null, { timeout: 60000 }); };
 const askFor = (page, wish) => page.evaluate((w) => window.relight.app.send({ op: 'control', request: 1, ...w }), wish);
 
 // A grey sky, and an invalid file.
@@ -28,8 +29,8 @@ function skies() {
 
 // name: {args, size, scheme, hash, act(page, server)}
 const PAGES = {
-  live: { act: drawn },
-  light: { scheme: 'light', act: drawn },
+  live: { act: withSky },
+  light: { scheme: 'light', act: withSky },
   phone: { args: SMALL, size: { width: 390, height: 844 }, act: drawn },
   'phone-side': { args: SMALL, size: { width: 844, height: 390 }, act: drawn },
   help: { act: async (page) => { await drawn(page); await page.keyboard.press('?'); } },
