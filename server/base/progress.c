@@ -9,7 +9,8 @@
 #include <unistd.h>
 
 #define REDRAW_MS 100
-#define LOG_MS 10000 /* without a terminal */
+#define LOG_MS 10000    /* without a terminal */
+#define KNOWN_FROM 0.02 /* share of the work; before, the time left would be a guess of hours */
 
 /* A terminal has one last line, so one flag suffices. */
 static _Atomic bool line_shown;
@@ -33,7 +34,7 @@ static void draw(const struct progress *p, uint64_t done, int64_t now_ms)
     if (p->total == 0) {
         fprintf(p->stream, "\r\033[K%s  %" PRIu64, p->what, done);
     } else {
-        if (made > 0.0 && elapsed_s > 1.0) {
+        if (made >= KNOWN_FROM * (double)p->total && elapsed_s > 1.0) {
             const unsigned s = (unsigned)(elapsed_s * fmax(0.0, (double)p->total - made) / made + 0.5);
             snprintf(left, sizeof(left), "  %u:%02u left", s / 60, s % 60);
         }
