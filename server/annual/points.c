@@ -1,5 +1,6 @@
 #include "annual/points.h"
 
+#include "annual/spiral.h"
 #include "base/mem.h"
 #include "base/vec.h"
 #include "scene/mesh_read.h"
@@ -408,18 +409,15 @@ void points_finish(struct points *p)
 #define LOOKS 64
 #define NEAR 1e-4f /* m: a point on a surface does not meet it */
 
-/* Directions of a hemisphere by Vogel's spiral, cosine-weighted. */
+/* By directions of the hemisphere, cosine-weighted. */
 static bool is_enclosed(const struct scene *scene, const struct rays *rays, const struct sensor *s)
 {
     int backs = 0;
-    const struct vec3 n = s->normal,
-                      side = fabsf(n.y) < 0.9f ? vec3_make(0.0f, 1.0f, 0.0f) : vec3_make(1.0f, 0.0f, 0.0f);
-    const struct vec3 t = vec3_normalize(vec3_cross(side, n)), u = vec3_cross(n, t);
+    double r;
 
     for (int k = 0; k < LOOKS; k++) {
-        const double r = sqrt((k + 0.5) / LOOKS), turn = 2.399963229728653 * k;
-        const struct vec3 flat = vec3_add(vec3_scale(t, (float)(r * cos(turn))), vec3_scale(u, (float)(r * sin(turn))));
-        const struct vec3 dir = vec3_normalize(vec3_add(flat, vec3_scale(n, (float)sqrt(1.0 - r * r))));
+        const struct vec3 flat = spiral_place(s->normal, 1.0, k, LOOKS, &r);
+        const struct vec3 dir = vec3_normalize(vec3_add(flat, vec3_scale(s->normal, (float)sqrt(1.0 - r * r))));
         struct surface met;
         struct hit h;
         if (!rays_intersect(rays, s->position, dir, NEAR, &h) ||

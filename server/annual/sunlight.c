@@ -1,5 +1,6 @@
 #include "annual/sunlight.h"
 
+#include "annual/spiral.h"
 #include "base/luminance.h"
 #include "base/vec.h"
 #include "scene/coverage.h"
@@ -10,17 +11,14 @@
 #define NEAR 1e-4f    /* m: a sensor on a surface does not meet it */
 #define LAYERS_MAX 32 /* panes and partly transparent surfaces of a ray */
 
-/* Directions of equal shares of the disc: Vogel's spiral. */
+/* Directions of equal shares of the disc. */
 static void fill_directions(const double sun[3], struct ray16 *ray)
 {
     const struct vec3 w = vec3_make((float)sun[0], (float)sun[1], (float)sun[2]);
-    const struct vec3 side = fabsf(w.y) < 0.9f ? vec3_make(0.0f, 1.0f, 0.0f) : vec3_make(1.0f, 0.0f, 0.0f);
-    const struct vec3 u = vec3_normalize(vec3_cross(side, w)), v = vec3_cross(w, u);
+    double r;
 
     for (int k = 0; k < PACKET; k++) {
-        const double r = SUN_RADIUS * sqrt((k + 0.5) / PACKET), turn = 2.399963229728653 * k;
-        const struct vec3 d = vec3_normalize(
-            vec3_add(w, vec3_add(vec3_scale(u, (float)(r * cos(turn))), vec3_scale(v, (float)(r * sin(turn))))));
+        const struct vec3 d = vec3_normalize(vec3_add(w, spiral_place(w, SUN_RADIUS, k, PACKET, &r)));
         ray->dir_x[k] = d.x;
         ray->dir_y[k] = d.y;
         ray->dir_z[k] = d.z;

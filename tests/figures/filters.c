@@ -135,7 +135,7 @@ static void add_offset(struct rig *r, int dx, int dy)
         }
 }
 
-/* To lo, where the main points of pixels are; others keep what is there. */
+/* Writes each pixel's main point to lo; other points keep their values. */
 static void non_local_means(struct rig *r)
 {
     const struct gbuffer *g = r->set->gbuffer;

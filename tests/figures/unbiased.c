@@ -272,7 +272,7 @@ int main(int argc, char **argv)
     printf("variance of tracing alone     %.4g\n", sum.plain / sum.count);
     printf("variance of the correction    %.4g\n", sum.rest / sum.count);
     printf("bias squared, which it removes %.3g\n", sum.bias / sum.count);
-    printf("samples a point until its noise is no more than that bias: %.0f\n", sum.rest / sum.bias);
+    printf("samples per point until the noise falls to that bias: %.0f\n", sum.rest / sum.bias);
     mem_free(s.held);
     transport_destroy(s.transport);
     set_destroy(s.set);
