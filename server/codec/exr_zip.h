@@ -41,8 +41,8 @@ struct exr_deflater {
 MUST_CHECK enum err exr_deflater_init(struct exr_deflater *z, size_t room);
 void exr_deflater_finish(struct exr_deflater *z); /* zeroed memory is allowed */
 
-/* Packs z->plain[size] to out[size]. Returns the number of bytes; `size` if packing saves none, and out holds them as
- * they were: readers take a chunk of that size as uncompressed. */
+/* Packs z->plain[size] to out[size]. Returns the number of bytes; `size` if packing saves none, or of a large chunk
+ * less than an estimated fifth, and out holds them as they were: readers take a chunk of that size as uncompressed. */
 size_t exr_zip_pack(struct exr_deflater *z, size_t size, uint8_t *out);
 
 /* Undoes the differences in place: b[i] = b[i - 1] + b[i] - 128 modulo 256. */
