@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Writes two scenes and a sky for measurements: plaza.obj and plaza.json (arcades around a paved square with steps and an
 obelisk, matte), knot.obj and knot.json (a glossy knot of 240 000 triangles on a plinth), and clouds.hdr (broken clouds
-around a sun that is not clipped: 3e4 times the sky).
+around a sun that is not clipped: 3e4 times the sky), and thousand.hdr (a clear sky whose sun, a disc of 3 degrees, is 1000
+times as bright as the rest).
 
     python3 proof.py FOLDER
 """
@@ -124,7 +125,7 @@ def direction(u, v):
     return math.sin(theta) * math.sin(phi), math.cos(theta), math.sin(theta) * math.cos(phi)
 
 
-def texel(d, sun, cover):
+def clouds(d, sun, cover):
     near = sum(a * b for a, b in zip(d, sun))
     if d[1] < 0:
         return [0.12, 0.11, 0.1]
@@ -138,14 +139,20 @@ def texel(d, sun, cover):
     return rgb
 
 
-def clouds(path):
-    """Radiance RGBE without run lengths: exponents hold the sun."""
-    cover, sun = noise(random.Random(9)), direction(*SUN)
+def thousand(d, sun):
+    """A clear sky of about 1 and a sun as of [DH09, Fig. 5], wide enough that its shadows and caustics are seen."""
+    if sum(a * b for a, b in zip(d, sun)) > math.cos(math.radians(1.5)):
+        return [1000.0, 1000.0, 1000.0]
+    return [0.9, 1.0, 1.2] if d[1] > 0 else [0.3, 0.3, 0.3]
+
+
+def write_sky(path, light):
+    """Radiance RGBE without run lengths: exponents hold the sun. light: colour of a direction."""
     with open(path, "wb") as out:
         out.write(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % (HEIGHT, WIDTH))
         for y in range(HEIGHT):
             for x in range(WIDTH):
-                rgb = texel(direction((x + 0.5) / WIDTH, (y + 0.5) / HEIGHT), sun, cover)
+                rgb = light(direction((x + 0.5) / WIDTH, (y + 0.5) / HEIGHT))
                 exponent = math.frexp(max(rgb))[1]
                 scale = 256.0 / 2.0 ** exponent
                 out.write(struct.pack("4B", *(min(255, int(c * scale)) for c in rgb), exponent + 128))
@@ -158,7 +165,9 @@ def main():
     for name, (mesh, scene) in (("plaza", plaza()), ("knot", knot())):
         mesh.write(folder / f"{name}.obj")
         (folder / f"{name}.json").write_text(json.dumps(scene, indent=1) + "\n")
-    clouds(folder / "clouds.hdr")
+    cover, sun = noise(random.Random(9)), direction(*SUN)
+    write_sky(folder / "clouds.hdr", lambda d: clouds(d, sun, cover))
+    write_sky(folder / "thousand.hdr", lambda d: thousand(d, sun))
 
 
 if __name__ == "__main__":

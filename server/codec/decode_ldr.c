@@ -42,7 +42,7 @@ static enum err begin(struct image *im, uint64_t width, uint64_t height, const c
 
 enum err decode_jpeg(const uint8_t *bytes, size_t size, const char *name, struct image *im, struct reason *why)
 {
-    int width, height, subsampling, colours;
+    int width = 0, height = 0, subsampling, colours; /* not set where a file ends before its picture */
     uint8_t *codes = NULL;
     enum err e;
 
@@ -51,6 +51,10 @@ enum err decode_jpeg(const uint8_t *bytes, size_t size, const char *name, struct
         return err_say(why, ERR_NOMEM, "%s: out of memory", name);
     if (tjDecompressHeader3(tj, bytes, size, &width, &height, &subsampling, &colours)) {
         e = err_say(why, ERR_FORMAT, "%s: JPEG: %s", name, tjGetErrorStr2(tj));
+        goto done;
+    }
+    if (width < 1 || height < 1) {
+        e = err_say(why, ERR_FORMAT, "%s: JPEG: it holds no picture", name);
         goto done;
     }
     e = colours == TJCS_CMYK || colours == TJCS_YCCK

@@ -42,7 +42,7 @@ done:
 static enum err decode_jpeg(const void *bytes, size_t count, enum texture_values values, const char *name,
                             struct texture *out, struct reason *why)
 {
-    int width, height, subsampling, colours;
+    int width = 0, height = 0, subsampling, colours; /* not set where a file ends before its picture */
     enum err e;
 
     tjhandle tj = tjInitDecompress();
@@ -52,7 +52,8 @@ static enum err decode_jpeg(const void *bytes, size_t count, enum texture_values
         e = err_say(why, ERR_FORMAT, "%s: JPEG: %s", name, tjGetErrorStr2(tj));
         goto done;
     }
-    e = check_size((uint64_t)width, (uint64_t)height, name, why);
+    e = width < 1 || height < 1 ? err_say(why, ERR_FORMAT, "%s: JPEG: it holds no picture", name)
+                                : check_size((uint64_t)width, (uint64_t)height, name, why);
     if (!e)
         e = texture_init(out, (uint32_t)width, (uint32_t)height, values);
     /* TJPF_RGBA sets alpha to 255 */

@@ -1,23 +1,16 @@
 /* What a picture of --method cached costs of which only a part of the sky has changed, relative to the same picture
  * computed whole: processor time of one thread for lighting and resolving, in turns, and medians. Both must have the
  * same bits. */
-#include "codec/frame.h"
-#include "env/environment.h"
+#include "figure.h"
+
+#include "base/mem.h"
+#include "base/vec.h"
 #include "estimators/kernels.h"
 #include "light/relight.h"
-#include "source/source.h"
-
-#include "base/log.h"
-#include "base/vec.h"
-#include "base/mem.h"
-#include "base/setting_table.h"
 
 #include <math.h>
 #include <omp.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #define TURNS_MAX 99
 
@@ -26,9 +19,6 @@ struct flags {
     uint32_t size[2], turns, samples;
     double share, factor;
 };
-
-#define ALL .section = "Flags"
-#define AT(field) SETTING_AT(flags, field)
 
 static const struct setting rows[] = {
     { "scene", "FILE", "scene; without it the built-in one", NULL, ALL, TEXT, AT(scene) },
@@ -40,25 +30,6 @@ static const struct setting rows[] = {
     { "factor", "F", "by which its light changes", "0.8", ALL, REAL(0.0, 100.0), AT(factor) },
     { .name = NULL },
 };
-
-static double cpu_ms(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return 1e3 * (double)t.tv_sec + 1e-6 * (double)t.tv_nsec;
-}
-
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double median(double *v, uint32_t n)
-{
-    qsort(v, n, sizeof(*v), ascending);
-    return v[n / 2];
-}
 
 /* A cloud of `share` of the sphere passes: from the horizon to 60 degrees above it, opposite the brightest texel. */
 static void change(struct frame *f, const struct flags *o)
@@ -85,51 +56,38 @@ struct changes {
     size_t bytes;
 };
 
-static enum err set_up(struct changes *s, const struct flags *o, struct reason *why)
+static void set_up(struct changes *s, const struct flags *o)
 {
-    const struct source_desc from = { .spec = o->sky };
-    const struct kernels *kernels;
-    struct source *source = NULL;
-    struct frame frame = { 0 };
-    enum err e = kernels_select(NULL, &kernels, why);
+    struct set_desc desc = { .scene = o->scene, .width = o->size[0], .height = o->size[1] };
+    struct frame frame = figure_frame(o->sky);
+    struct reason why = { "" };
 
-    if (!e)
-        e = source_open(&from, &source, why);
-    if (!e)
-        e = source_next(source, &frame, why);
-    if (!e && frame.kind != FRAME_TEXELS)
-        e = err_say(why, ERR_USAGE, "%s is no computed sky", o->sky);
-    for (int k = 0; k < 2 && !e; k++) {
+    if (frame.kind != FRAME_TEXELS)
+        figure_must(err_say(&why, ERR_USAGE, "%s is no computed sky", o->sky), &why);
+    for (int k = 0; k < 2; k++) {
         if (k)
             change(&frame, o);
-        s->sky[k] = environment_create(&(struct environment_desc){ .lean = true });
-        e = s->sky[k] ? environment_update(s->sky[k], &frame, why) : ERR_NOMEM;
+        s->sky[k] = figure_sky(&frame, true);
     }
     frame_finish(&frame);
-    source_close(source);
-    if (e)
-        return e;
-    e = set_create(
-        &(struct set_desc){ .scene = o->scene, .width = o->size[0], .height = o->size[1], .kernels = kernels }, &s->set,
-        why);
-    if (e)
-        return e;
+    figure_must(kernels_select(NULL, &desc.kernels, &why), &why);
+    figure_must(set_create(&desc, &s->set, &why), &why);
     s->bytes = (size_t)o->size[0] * o->size[1] * 3 * sizeof(float);
     s->rgb[0] = mem_alloc(s->bytes, 1);
     s->rgb[1] = mem_alloc(s->bytes, 1);
-    s->relighter = relighter_create(s->set, kernels);
-    return s->rgb[0] && s->rgb[1] && s->relighter ? ERR_OK : ERR_NOMEM;
+    s->relighter = relighter_create(s->set, desc.kernels);
+    figure_must(s->rgb[0] && s->rgb[1] && s->relighter ? ERR_OK : ERR_NOMEM, &why);
 }
 
 /* The picture of a sky, after one of the other: milliseconds. */
 static double picture(struct changes *s, const struct relight_desc *light, int k, float *rgb,
                       struct relight_stats *stats)
 {
-    const double begun = cpu_ms();
+    const double begun = 1e3 * figure_cpu_s();
 
     if (relighter_run(s->relighter, s->sky[k], light, rgb, stats))
         exit(1);
-    return cpu_ms() - begun;
+    return 1e3 * figure_cpu_s() - begun;
 }
 
 static bool compare(struct changes *s, const struct flags *o, uint32_t classes, const char *name)
@@ -150,7 +108,7 @@ static bool compare(struct changes *s, const struct flags *o, uint32_t classes, 
         whole[k] = picture(s, &light, (int)(k % 2), s->rgb[1], &stats);
         same = same && memcmp(s->rgb[0], s->rgb[1], s->bytes) == 0;
     }
-    const double a = median(part, o->turns), b = median(whole, o->turns);
+    const double a = figure_median(part, o->turns), b = figure_median(whole, o->turns);
     printf("%s: %.1f ms of %.1f, ratio %.3f; %s\n", name, a, b, a / b, same ? "the same bits" : "OTHER BITS");
     return same;
 }
@@ -165,23 +123,10 @@ int main(int argc, char **argv)
         .lists = { { rows, &flags } },
     };
     struct changes s = { 0 };
-    struct reason why = { "" };
-    bool done;
 
-    log_init("changes", LOG_INFO);
-    command_begin(&command);
-    enum err e = command_parse(&command, argc, argv, &done, &why);
-    if (!e && done)
-        return 0;
-    if (!e)
-        e = command_read(&command, &why);
+    figure_begin(&command, argc, argv);
     omp_set_num_threads(1);
-    if (!e)
-        e = set_up(&s, &flags, &why);
-    if (e) {
-        log_error("%s", why.text[0] ? why.text : err_text(e));
-        return err_exit_code(e);
-    }
+    set_up(&s, &flags);
     bool same = compare(&s, &flags, PATH_BACKGROUND | PATH_DIRECT, "direct light");
     same = compare(&s, &flags, PATH_ALL, "all light") && same;
     relighter_destroy(s.relighter);

@@ -5,15 +5,13 @@
  * the relMSE that the estimator has by definition. Where a technique meets the sun by accident the two differ: few
  * pictures have nearly all of the error, in single pixels of enormous value. Error x time is the figure that does not
  * depend on the time taken, as long as error falls with its inverse: for the means. */
-#include "estimators/seen_caustics.h"
+#include "figure.h"
 
+#include "estimators/seen_caustics.h"
 #include "light/facts.h"
-#include "base/log.h"
-#include "base/setting_table.h"
 
 #include <inttypes.h>
 #include <omp.h>
-#include <time.h>
 
 #define RUNS_MAX 99
 
@@ -39,13 +37,10 @@ struct figure {
 
 struct flags {
     const char *scene, *sky;
-    uint32_t size[2], runs, particles, reference, threads;
+    uint32_t size[2], runs, particles, reference, threads, samples;
     double seconds;
     bool whole;
 };
-
-#define ALL .section = "Flags"
-#define AT(field) SETTING_AT(flags, field)
 
 static const struct setting rows[] = {
     { "scene", "FILE", "scene with mirrors or glass", RING, ALL, TEXT, AT(scene) },
@@ -53,6 +48,8 @@ static const struct setting rows[] = {
     { "size", "WxH", "of the pictures, in pixels", "320x180", ALL, .type = SETTING_SIZE, AT(size) },
     { "runs", "N", "interleaved runs, 1 to 99", "9", ALL, WHOLE(1, RUNS_MAX), AT(runs) },
     { "seconds", "T", "CPU time of each technique in a run, 0.01 to 1000", "4", ALL, REAL(0.01, 1000.0), AT(seconds) },
+    { "samples", "N", "of each technique in a run instead of the time, as in the figure's second row; 0: by time", "0",
+      ALL, WHOLE(0, 1000000), AT(samples) },
     { "whole", NULL, "all light, by the program's own frame: direct light and eye paths beside the caustics", NULL, ALL,
       SWITCH, AT(whole) },
     { "particles", "N", "of --whole's light tracer, a pixel for each eye path", "1", ALL, WHOLE(1, 1000),
@@ -62,13 +59,6 @@ static const struct setting rows[] = {
       AT(threads) },
     { .name = NULL },
 };
-
-static double cpu_seconds(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* All light: the program's frame with 8 samples of direct light and so many particles for each eye path. Its points lie
  * in the pixels' centres, which after long times is the error that is left. */
@@ -94,11 +84,11 @@ static uint64_t render_whole(struct figure *f, enum seen_by by, uint32_t samples
 
 static uint64_t render(struct figure *f, enum seen_by by, uint32_t samples, uint64_t seed, double *seconds)
 {
-    const double begun = cpu_seconds();
+    const double begun = figure_cpu_s();
     const uint64_t rays =
         f->whole ? render_whole(f, by, samples, seed) : seen_caustics(&f->seen, by, samples, seed, f->rgb);
 
-    *seconds = cpu_seconds() - begun;
+    *seconds = figure_cpu_s() - begun;
     return rays;
 }
 
@@ -122,18 +112,6 @@ static void run(struct figure *f, enum seen_by by, uint32_t k)
         m->error[r][k] = seen_error(&f->seen, f->region[r], f->rgb, f->whole ? f->seen.whole : f->seen.caustics);
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double median(double *v, uint32_t n)
-{
-    qsort(v, n, sizeof(*v), ascending);
-    return n % 2 ? v[n / 2] : 0.5 * (v[n / 2 - 1] + v[n / 2]);
-}
-
 static double mean(const double *v, uint32_t n)
 {
     double sum = 0.0;
@@ -155,7 +133,7 @@ static void print_region(struct figure *f, size_t r, uint32_t runs)
     for (int by = SEEN_BY_COUNT - 1; by >= 0; by--) {
         struct measured *m = &f->measured[by];
         const double seconds = mean(m->seconds, runs), rays = (double)m->rays / runs;
-        const double average = mean(m->error[r], runs), middle = median(m->error[r], runs);
+        const double average = mean(m->error[r], runs), middle = figure_median(m->error[r], runs);
         if (by == SEEN_LIGHT) {
             light_median = middle * seconds;
             light_mean = average * seconds;
@@ -166,13 +144,12 @@ static void print_region(struct figure *f, size_t r, uint32_t runs)
     }
 }
 
-static enum err set_up(struct figure *f, const struct flags *o, struct reason *why)
+static void set_up(struct figure *f, const struct flags *o)
 {
     const struct kernels *kernels;
-    const enum err e = kernels_select(NULL, &kernels, why);
+    struct reason why = { "" };
 
-    if (e)
-        return e;
+    figure_must(kernels_select(NULL, &kernels, &why), &why);
     if (o->threads)
         omp_set_num_threads((int)o->threads);
     f->whole = o->whole;
@@ -185,7 +162,7 @@ static enum err set_up(struct figure *f, const struct flags *o, struct reason *w
         f->region[r] = mem_alloc(f->seen.pixels, 1);
         f->count[r] = seen_region(&f->seen, shares[r], f->region[r]);
     }
-    return f->relighter && f->rgb ? ERR_OK : ERR_NOMEM;
+    figure_must(f->relighter && f->rgb ? ERR_OK : ERR_NOMEM, &why);
 }
 
 int main(int argc, char **argv)
@@ -200,27 +177,14 @@ int main(int argc, char **argv)
         .lists = { { rows, &flags } },
     };
     struct figure f = { 0 };
-    struct reason why = { "" };
-    bool done;
 
-    log_init("figure5", LOG_INFO);
-    command_begin(&command);
-    enum err e = command_parse(&command, argc, argv, &done, &why);
-    if (!e && done)
-        return 0;
-    if (!e)
-        e = command_read(&command, &why);
-    if (!e)
-        e = set_up(&f, &flags, &why);
-    if (e) {
-        log_error("%s", why.text[0] ? why.text : err_text(e));
-        return err_exit_code(e);
-    }
+    figure_begin(&command, argc, argv);
+    set_up(&f, &flags);
     printf("%s, %s, peakedness %.2f, %" PRIu32 "x%" PRIu32 ", %s, %d threads, %" PRIu32 " runs\n", f.seen.set->name,
            f.seen.environment->name, facts_peakedness(f.seen.environment), f.seen.width, f.seen.height,
            f.whole ? "all light" : "caustics alone", omp_get_max_threads(), flags.runs);
     for (int by = 0; by < SEEN_BY_COUNT; by++)
-        f.measured[by].samples = samples_in(&f, (enum seen_by)by, flags.seconds);
+        f.measured[by].samples = flags.samples ? flags.samples : samples_in(&f, (enum seen_by)by, flags.seconds);
     for (uint32_t k = 0; k < flags.runs; k++)
         for (int by = 0; by < SEEN_BY_COUNT; by++)
             run(&f, (enum seen_by)by, k);

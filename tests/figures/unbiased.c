@@ -3,29 +3,22 @@
  * cos V L(w) / density  -  T(p, c) L(c)) / p(c), the traced light less what the cache holds of the same cell: a control
  * variate, whose mean is the cache's bias. Prints its variance beside that of tracing without a cache, and the bias
  * that it removes, all relative as relMSE is, over the matte points of a scene whose sky has no bright part. */
-#include "transport/parts.h"
+#include "figure.h"
 
-#include "base/log.h"
 #include "base/mem.h"
 #include "base/rng.h"
-#include "base/setting_table.h"
 #include "base/vec.h"
 #include "env/cube.h"
 #include "light/relight.h"
-#include "source/source.h"
+#include "transport/parts.h"
 
 #include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 struct flags {
     const char *scene, *sky;
     uint32_t size[2], samples;
 };
-
-#define ALL .section = "Flags"
-#define AT(field) SETTING_AT(flags, field)
 
 static const struct setting rows[] = {
     { "scene", "FILE", "scene; without it the built-in one", NULL, ALL, TEXT, AT(scene) },
@@ -183,36 +176,23 @@ static void study_block(struct study *s, const struct transport_block *b, uint32
     }
 }
 
-static enum err set_up(struct study *s, const struct flags *o, struct reason *why)
+static void set_up(struct study *s, const struct flags *o)
 {
-    const struct kernels *kernels;
-    const struct source_desc from = { .spec = o->sky };
-    struct source *source = NULL;
-    struct frame frame = { 0 };
-    enum err e = kernels_select(NULL, &kernels, why);
+    struct set_desc desc = { .scene = o->scene, .width = o->size[0], .height = o->size[1] };
+    const struct transport_desc cache = { .max_bytes = (uint64_t)1 << 30 };
+    struct frame frame = figure_frame(o->sky);
+    struct reason why = { "" };
 
-    if (!e)
-        e = source_open(&from, &source, why);
-    if (!e)
-        e = source_next(source, &frame, why);
-    s->sky = environment_create(&(struct environment_desc){ .lean = true });
-    if (!e)
-        e = s->sky ? environment_update(s->sky, &frame, why) : ERR_NOMEM;
+    s->sky = figure_sky(&frame, true);
     frame_finish(&frame);
-    source_close(source);
-    if (!e)
-        e = set_create(
-            &(struct set_desc){ .scene = o->scene, .width = o->size[0], .height = o->size[1], .kernels = kernels },
-            &s->set, why);
-    if (!e)
-        e = transport_create(s->set->gbuffer, s->set->rays, kernels,
-                             &(struct transport_desc){ .max_bytes = (uint64_t)1 << 30 }, &s->transport, why);
-    if (!e)
-        e = sky_split_take(&s->transport->sky, s->sky);
-    if (!e && s->transport->sky.bright_count)
-        e = err_say(why, ERR_USAGE, "%s has a bright part: take another sky", o->sky);
+    figure_must(kernels_select(NULL, &desc.kernels, &why), &why);
+    figure_must(set_create(&desc, &s->set, &why), &why);
+    figure_must(transport_create(s->set->gbuffer, s->set->rays, desc.kernels, &cache, &s->transport, &why), &why);
+    figure_must(sky_split_take(&s->transport->sky, s->sky), &why);
+    if (s->transport->sky.bright_count)
+        figure_must(err_say(&why, ERR_USAGE, "%s has a bright part: take another sky", o->sky), &why);
     s->held = mem_alloc(SKY_CELLS, sizeof(*s->held));
-    return e || s->held ? e : ERR_NOMEM;
+    figure_must(s->held ? ERR_OK : ERR_NOMEM, &why);
 }
 
 /* The mean light of the matte points, for relMSE's floor. */
@@ -247,22 +227,9 @@ int main(int argc, char **argv)
     };
     struct study s = { .set = NULL };
     struct result sum = { 0.0 };
-    struct reason why = { "" };
-    bool done;
 
-    log_init("unbiased", LOG_INFO);
-    command_begin(&command);
-    enum err e = command_parse(&command, argc, argv, &done, &why);
-    if (!e && done)
-        return 0;
-    if (!e)
-        e = command_read(&command, &why);
-    if (!e)
-        e = set_up(&s, &flags, &why);
-    if (e) {
-        log_error("%s", why.text[0] ? why.text : err_text(e));
-        return err_exit_code(e);
-    }
+    figure_begin(&command, argc, argv);
+    set_up(&s, &flags);
     make_chances(&s);
     const double mean = mean_light(&s);
     for (uint32_t k = 0; k < s.transport->block_count; k++)

@@ -52,6 +52,15 @@ def matching(tokens, at):
     return len(tokens) - 1
 
 
+def within_loop_heads(tokens):
+    """Indices of the tokens between the brackets of `for`, where a statement dropped is an endless loop, which any test notices."""
+    out = set()
+    for i, t in enumerate(tokens[:-1]):
+        if t.text == "for" and tokens[i + 1].text == "(":
+            out.update(range(i + 1, matching(tokens, i + 1)))
+    return out
+
+
 def silent(tokens):
     """Indices of the tokens that are outside functions and tables, in a type's declaration, or in an assertion."""
     out, i, depth = set(), 0, 0
@@ -138,7 +147,7 @@ def statement(source, tokens, i):
 def mutants_of(source):
     """All mutants of a file, in its order."""
     tokens = tokens_of(source)
-    out, skip = [], silent(tokens)
+    out, skip, heads = [], silent(tokens), within_loop_heads(tokens)
     for i, t in enumerate(tokens[:-1]):
         if i in skip or i == 0:
             continue
@@ -161,7 +170,7 @@ def mutants_of(source):
             for (b0, e0), (b1, e1) in zip(a, a[1:]):
                 if source[b0:e0] != source[b1:e1]:
                     out.append(Mutant(b0, e1, source[b1:e1] + source[e0:b1] + source[b0:e0], "arguments swapped"))
-        dropped = statement(source, tokens, i)
+        dropped = None if i in heads else statement(source, tokens, i)
         if dropped:
             out.append(dropped)
     return out

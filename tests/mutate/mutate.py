@@ -6,7 +6,7 @@ and difference, and a table of all rooms. A fault that does not compile does not
 explains. Builds in build/mutate, a copy of the tree, which is kept for the next run.
 
 ROOM        a folder of server/, or `protocol` or `decoders`; without: all of the table below
---seed N    which faults are drawn (1); the same seed draws the same faults from the same sources
+--seed N    which faults are drawn (1); the same seed draws the same faults of lines that have not changed
 --count N   how many a room (20)
 --seconds N of tests for each fault, by their usual times (20, more in rooms whose tests take long)
 --least P   exit 1 where fewer than P percent of a room's faults are noticed (without: the targets in the table below)
@@ -15,9 +15,9 @@ ROOM        a folder of server/, or `protocol` or `decoders`; without: all of th
 Exit: 0 all rooms meet their target, 1 one does not, 2 bad arguments or a tree that does not build."""
 
 import argparse
+import hashlib
 import json
 import os
-import random
 import shutil
 import subprocess
 import sys
@@ -169,9 +169,16 @@ def explained():
 
 
 def draw(room, seed, count):
-    """Faults of a room, in a random order that depends on the seed alone."""
-    every = [(path, m) for path in sources_of(room) for m in mutants.mutants_of((TREE / path).read_text(encoding="utf-8"))]
-    random.Random(f"{room} {seed}").shuffle(every)
+    """Faults of a room, in a random order: by a hash of each, so that a change elsewhere neither adds nor removes others."""
+    every = []
+    for path in sources_of(room):
+        source, seen = (TREE / path).read_text(encoding="utf-8"), {}
+        for m in mutants.mutants_of(source):
+            _, before, after = mutants.line_of(source, m)
+            seen[before, after] = seen.get((before, after), 0) + 1  # a file may have the same line twice
+            name = f"{seed} {path} {before} {after} {seen[before, after]}"
+            every.append((hashlib.sha1(name.encode()).digest(), path, m))
+    every = [(path, m) for _, path, m in sorted(every)]
     return every if count == 0 else every[:8 * count]  # some do not compile
 
 

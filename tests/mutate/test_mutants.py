@@ -40,6 +40,10 @@ def each_kind_is_found():
         assert want in found, (want, found)
 
 
+def no_loop_is_made_endless():
+    assert not any(what == "statement dropped" and after.startswith("for") for what, _, _, after in lines_changed(SOURCE))
+
+
 def a_mutant_differs_from_its_source():
     for m in mutants.mutants_of(SOURCE):
         assert mutants.applied(SOURCE, m) != SOURCE, m

@@ -109,13 +109,29 @@ static uint16_t half_of(float v)
     return (uint16_t)((bits >> 16 & 0x8000) | ((bits & 0x7fffffff) - 0x38000000) >> 13);
 }
 
+/* Row and column of each coefficient: along the diagonals, one up and the next down, as [JPEG, Figure A.6] draws it. */
+static void walk(uint8_t row[64], uint8_t column[64])
+{
+    int k = 0;
+
+    for (int diagonal = 0; diagonal < 15; diagonal++)
+        for (int i = 0; i <= diagonal; i++) {
+            const int v = diagonal % 2 ? i : diagonal - i, u = diagonal - v;
+            if (u < 8 && v < 8) {
+                row[k] = (uint8_t)v;
+                column[k++] = (uint8_t)u;
+            }
+        }
+}
+
 static void a_coefficient_becomes_its_cosine(void **state)
 {
-    static const uint8_t row[6] = { 0, 1, 2, 1, 0, 0 }, column[6] = { 1, 0, 0, 1, 2, 3 }; /* JPEG's first six */
     const exr_coding_channel_info_t y = channel("Y", EXR_PIXEL_FLOAT, true);
+    uint8_t row[64], column[64];
     (void)state;
 
-    for (int k = 1; k <= 6; k++) {
+    walk(row, column);
+    for (int k = 1; k < 64; k++) {
         /* 8 everywhere by the DC value, then zeros up to the k-th, which is 2 */
         const uint16_t dc = half_of(64.0f), ac[3] = { (uint16_t)(0xff00 + k - 1), half_of(2.0f), 0xff00 };
         const struct parts p = { .version = 2,
@@ -124,11 +140,13 @@ static void a_coefficient_becomes_its_cosine(void **state)
                                  .dc = &dc,
                                  .dc_count = 1,
                                  .ac = k == 1 ? ac + 1 : ac,
-                                 .ac_count = k == 1 ? 2 : 3 };
+                                 .ac_count = k == 1    ? 2
+                                             : k == 63 ? 2
+                                                       : 3 };
         float got[SIDE][SIDE];
         assert_null(round_trip(&p, &y, 1, got));
         for (int i = 0; i < SIDE * SIDE; i++) {
-            const int u = column[k - 1], v = row[k - 1];
+            const int u = column[k], v = row[k];
             const double norm = (u ? 0.5 : sqrt(0.125)) * (v ? 0.5 : sqrt(0.125));
             const double want =
                 8.0 + 2.0 * norm * cos((2 * (i % SIDE) + 1) * u * PI_16) * cos((2 * (i / SIDE) + 1) * v * PI_16);
