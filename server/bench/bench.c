@@ -17,7 +17,8 @@
 #define REPEATS_MAX 64
 #define ROW_SECONDS 10.0  /* a row that would take longer has fewer rounds */
 #define SHORT_SECONDS 0.4 /* a row that would take less has more, */
-#define SHORT_ROUNDS 31   /* at most this many: few short rounds say little on a busy machine */
+#define SHORT_ROUNDS 31   /* at most this many: few short rounds say little on a busy machine; */
+#define LEAST_ROUNDS 3    /* unless this is asked for */
 
 /* In the order of the pipeline. Rows that are `alone` have a target of `ours`. */
 static const struct {
@@ -80,9 +81,10 @@ void bench_take(struct bench_row *row, double *ours, double *bare, int rounds)
 
 static int rounds_of(const struct bench *b, double seconds)
 {
-    const double more = fmin(SHORT_ROUNDS, SHORT_SECONDS / fmax(seconds, 1e-9));
+    const double those_of_short = fmin(SHORT_ROUNDS, SHORT_SECONDS / fmax(seconds, 1e-9));
+    const double more = b->desc->rounds > LEAST_ROUNDS ? those_of_short : LEAST_ROUNDS;
 
-    return (int)fmax(fmin(fmax(ROW_SECONDS / fmax(seconds, 1e-9), 3.0), b->desc->rounds), more);
+    return (int)fmax(fmin(fmax(ROW_SECONDS / fmax(seconds, 1e-9), LEAST_ROUNDS), b->desc->rounds), more);
 }
 
 void bench_skip(struct bench_row *row, const char *format, ...)

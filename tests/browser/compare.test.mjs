@@ -12,7 +12,7 @@ const RELIGHTD = chromium.RELIGHT_RELIGHTD;
 const WIDTH = 160;
 const HEIGHT = 90;
 const STILL = ['--source', 'sky:size=256x128,hour=9', '--frames', '2-2', '--once', '--converge', 'off', '--method', 'mis', '--samples', '8'];
-const MOVING = ['--source', 'sky:size=256x128,time=10:00,speed=20', '--fps', '10', '--samples', '4', '--method', 'mis'];
+const MOVING = ['--source', 'sky:size=64x32,time=10:00,speed=20', '--fps', '10', '--samples', '4', '--method', 'mis'];
 
 async function withPage(args, body, options) {
   const server = await startServer(RELIGHTD, ['--port', '0', '--size', `${WIDTH}x${HEIGHT}`, ...args]);

@@ -1,22 +1,68 @@
 #!/usr/bin/python3
 """clang.py BUILD CLANG: clang checks every file of the programs once, as the build compiles it, warnings being errors, and
-writes nothing. `./test --long` builds the tests with clang too."""
+writes no objects. A file that had no finding is not read again while it, its headers and clang are the same, in this clone
+or another (~/.cache/relightd-clang). `./test --long` builds the tests with clang too."""
 
+import hashlib
 import json
+import os
 import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 
+KEPT = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "relightd-clang"
+VERSION = subprocess.run([sys.argv[2], "--version"], stdout=subprocess.PIPE, check=True).stdout
+
+
+def headers_of(build):
+    """The headers of each object, as the compiler listed them: {object: [path]}; nothing where the build is not ninja's."""
+    told = subprocess.run(["ninja", "-C", build, "-t", "deps"], stdout=subprocess.PIPE, check=False, text=True)
+    found, name = {}, None
+    for line in told.stdout.splitlines():
+        if line.startswith(" "):
+            found[name].append(line.strip())
+        elif line:
+            name = line.split(":")[0]
+            found[name] = []
+    return found
+
+
+DIGESTS = {}
+
+
+def digest(path):
+    if path not in DIGESTS:
+        DIGESTS[path] = hashlib.sha256(path.read_bytes()).digest()
+    return DIGESTS[path]
+
+
+def mark_of(entry, words, headers):
+    """The file that says that this one had no finding; none if its headers are not known."""
+    if not headers:
+        return None
+    folder = Path(entry["directory"])
+    told = hashlib.sha256(VERSION + " ".join(words).replace(str(folder.parent), "").encode())
+    for path in [entry["file"], *headers]:
+        told.update(digest(folder / path))
+    return KEPT / told.hexdigest()
+
+
 def read(entry):
     """Clang's complaints about one file, or an empty text."""
     words = shlex.split(entry["command"])
     words = words[next(i for i, word in enumerate(words) if word.startswith("-")):]  # past the compiler
+    output = words[words.index("-o") + 1]
     for flag in ("-o", "-c"):
         del words[words.index(flag):words.index(flag) + 2]
+    mark = mark_of(entry, words, HEADERS.get(output))
+    if mark and mark.exists():
+        return ""
     command = [sys.argv[2], *words, "-Wno-unknown-warning-option", "-fsyntax-only", entry["file"]]
     told = subprocess.run(command, cwd=entry["directory"], stderr=subprocess.PIPE, check=False)
+    if mark and told.returncode == 0 and not told.stderr:
+        mark.touch()
     return told.stderr.decode(errors="replace") or ("" if told.returncode == 0 else f"{entry['file']}: clang failed\n")
 
 
@@ -30,6 +76,8 @@ def once(entries):
     return list(kept.values())
 
 
+KEPT.mkdir(parents=True, exist_ok=True)
+HEADERS = headers_of(sys.argv[1])
 entries = once(json.loads((Path(sys.argv[1]) / "compile_commands.json").read_text(encoding="utf-8")))
 found = [text for text in map(read, entries) if text]
 print("".join(found) + f"{len(entries)} files read, {len(found)} with findings")

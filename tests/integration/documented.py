@@ -43,6 +43,8 @@ def local(word):
 for i, a in enumerate(args):
     args[i] = a = local(a)
     given.add(a)
+    if a.startswith("sky:") and "size=" not in a:
+        args[i] = a + ("" if a == "sky:" else ",") + "size=128x64"
     if i and args[i - 1] in few and not (args[i - 1] == "--size" and "--probe" in args):
         args[i] = few[args[i - 1]]
     if a.startswith("epw:") and "--annual" in args:

@@ -37,7 +37,7 @@ static void under(struct stage *s, struct frame sky)
 /* The mean of many pictures that are not live. */
 static void converge(struct stage *s, const struct relight_desc *live, float mean[VALUES])
 {
-    enum { PASSES = 32 };
+    enum { PASSES = 16 };
     struct relight_desc light = *live;
     struct relight_stats stats;
 

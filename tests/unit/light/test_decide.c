@@ -6,7 +6,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { WIDTH = 48, HEIGHT = 27, VALUES = 3 * WIDTH * HEIGHT };
+enum { WIDTH = 24, HEIGHT = 14, VALUES = 3 * WIDTH * HEIGHT };
 
 static struct set *set;
 static struct environment *sky;

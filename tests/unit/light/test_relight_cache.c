@@ -11,9 +11,14 @@
 
 enum { WIDTH = 32, HEIGHT = 18 };
 
+static struct stage court_of(uint32_t width, uint32_t height)
+{
+    return stage_make(&(struct set_desc){ .width = width, .height = height }, sky_with_sun(64, 32, 2e3f));
+}
+
 static struct stage court(void)
 {
-    return stage_make(&(struct set_desc){ .width = WIDTH, .height = HEIGHT }, sky_with_sun(64, 32, 2e3f));
+    return court_of(WIDTH, HEIGHT);
 }
 
 static void it_is_computed_once_and_told_apart(void **state)
@@ -179,7 +184,7 @@ static void files_are_where_they_are_asked_for_or_nowhere(void **state)
 static void a_folder_that_cannot_be_used_is_reported_once(void **state)
 {
     struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 4 }, .cache_file = "" };
-    struct stage s = court();
+    struct stage s = court_of(8, 5);
     char file[] = "/tmp/relight-caches-XXXXXX", foreign[] = "/tmp/relight-caches-XXXXXX";
     const char *const why[] = { "is not a folder", "cannot create the folder", "belongs to user" };
     float *lo;
@@ -209,7 +214,7 @@ static void a_folder_that_cannot_be_used_is_reported_once(void **state)
 static void a_full_disk_is_reported_once(void **state)
 {
     struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 4 }, .cache_file = "" };
-    struct stage s = court();
+    struct stage s = court_of(16, 9);
     struct rlimit before, small;
     char folder[] = "/tmp/relight-caches-XXXXXX";
     float *lo;
