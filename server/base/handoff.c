@@ -13,7 +13,7 @@ void handoff_init(struct handoff *h)
     pthread_condattr_setclock(&attr, CLOCK_MONOTONIC);
     pthread_cond_init(&h->changed, &attr);
     pthread_condattr_destroy(&attr);
-    h->ready = h->taken = HANDOFF_NONE;
+    h->ready = h->taken = h->next = HANDOFF_NONE;
     h->closed = false;
 }
 
@@ -42,7 +42,7 @@ int handoff_begin(struct handoff *h)
     int slot = 0;
 
     pthread_mutex_lock(&h->lock);
-    while (slot == h->ready || slot == h->taken) /* at most two of the three slots are in use */
+    while (slot == h->ready || slot == h->taken || slot == h->next) /* one of the slots is free */
         slot++;
     pthread_mutex_unlock(&h->lock);
     return slot;
@@ -51,7 +51,7 @@ int handoff_begin(struct handoff *h)
 bool handoff_is_idle(struct handoff *h, int slot)
 {
     pthread_mutex_lock(&h->lock);
-    const bool idle = slot != h->ready && slot != h->taken;
+    const bool idle = slot != h->ready && slot != h->taken && slot != h->next;
     pthread_mutex_unlock(&h->lock);
     return idle;
 }
@@ -59,7 +59,7 @@ bool handoff_is_idle(struct handoff *h, int slot)
 int handoff_publish(struct handoff *h, int slot)
 {
     pthread_mutex_lock(&h->lock);
-    assert(slot >= 0 && slot < HANDOFF_SLOTS && slot != h->taken);
+    assert(slot >= 0 && slot < HANDOFF_SLOTS_EARLY && slot != h->taken && slot != h->next);
     const int dropped = h->ready;
     h->ready = slot;
     pthread_cond_broadcast(&h->changed);
@@ -112,11 +112,26 @@ int handoff_take(struct handoff *h, int timeout_ms)
     return slot;
 }
 
+int handoff_take_early(struct handoff *h)
+{
+    pthread_mutex_lock(&h->lock);
+    assert(h->taken != HANDOFF_NONE && h->next == HANDOFF_NONE);
+    const int slot = h->closed ? HANDOFF_NONE : h->ready;
+    if (slot != HANDOFF_NONE) {
+        h->next = slot;
+        h->ready = HANDOFF_NONE;
+        pthread_cond_broadcast(&h->changed);
+    }
+    pthread_mutex_unlock(&h->lock);
+    return slot;
+}
+
 void handoff_release(struct handoff *h, int slot)
 {
     pthread_mutex_lock(&h->lock);
     assert(slot == h->taken);
-    h->taken = HANDOFF_NONE;
+    h->taken = h->next;
+    h->next = HANDOFF_NONE;
     pthread_mutex_unlock(&h->lock);
 }
 

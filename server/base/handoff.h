@@ -1,7 +1,8 @@
 /* server/base/handoff.h */
 /* Triple buffering between one writer thread and one reader thread: neither waits while the other copies. The writer
  * fills a free slot and publishes it; the reader takes the newest published slot; publishing drops a slot that was not
- * taken. The caller owns the contents of the slots, which are numbered 0..2. */
+ * taken. The reader may take the slot for its next turn early. The caller owns the contents of the slots, which are
+ * numbered 0..2; a reader that takes slots early needs 0..3. */
 #ifndef BASE_HANDOFF_H
 #define BASE_HANDOFF_H
 
@@ -9,6 +10,7 @@
 #include <stdbool.h>
 
 #define HANDOFF_SLOTS 3
+#define HANDOFF_SLOTS_EARLY 4
 #define HANDOFF_NONE (-1)
 
 struct handoff {
@@ -16,6 +18,7 @@ struct handoff {
     pthread_cond_t changed;
     int ready;   /* {lock} published and not yet taken, or HANDOFF_NONE */
     int taken;   /* {lock} held by the reader, or HANDOFF_NONE */
+    int next;    /* {lock} taken early, or HANDOFF_NONE */
     bool closed; /* {lock} */
 };
 
@@ -43,7 +46,10 @@ bool handoff_wait_newer(struct handoff *h, int timeout_ms);
 /* Reader: takes the newest published slot, which it holds until handoff_release. HANDOFF_NONE after timeout_ms or when
  * closed. */
 int handoff_take(struct handoff *h, int timeout_ms);
-void handoff_release(struct handoff *h, int slot); /* reader: gives the slot back */
+/* Reader, while it holds a slot: takes the newest published one early, at most one. HANDOFF_NONE: there is none. */
+int handoff_take_early(struct handoff *h);
+/* Reader: gives the slot back. From then on it holds the one that it took early, if any. */
+void handoff_release(struct handoff *h, int slot);
 
 void handoff_close(struct handoff *h);     /* wakes both sides; every later wait fails at once. Thread: any. */
 bool handoff_is_closed(struct handoff *h); /* thread: any */

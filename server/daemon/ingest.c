@@ -57,7 +57,7 @@ static void shrink_idle_slots(struct frame_slots *frames, int slot)
 {
     const struct recent *recent = &frames->slot[slot].environment->image.recent;
 
-    for (int i = 0; i < HANDOFF_SLOTS; i++) {
+    for (int i = 0; i < frames->count; i++) {
         struct environment *e = frames->slot[i].environment;
         if (i != slot && handoff_is_idle(&frames->handoff, i) &&
             recent_is_outgrown(recent, e->image.capacity * sizeof(*e->image.rgb)))

@@ -1,6 +1,7 @@
 #include "daemon/job.h"
 
 #include "base/log.h"
+#include "daemon/shade.h"
 #include "daemon/shared.h"
 #include "light/part.h"
 #include "ranks/ranks.h"
@@ -56,8 +57,9 @@ enum err job_join(struct job *j, struct shared *s, int argc, char **argv, struct
     return ERR_OK;
 }
 
-enum err job_lead(struct job *j, struct shared *s, struct relighter *r, struct reason *why)
+enum err job_lead(struct job *j, struct shared *s, struct shade_thread *shade, struct reason *why)
 {
+    struct relighter *r = shade_thread_relighter(shade);
     const struct team_desc desc = describe(s, r);
 
     if (!s->ranks) {
@@ -65,6 +67,8 @@ enum err job_lead(struct job *j, struct shared *s, struct relighter *r, struct r
         return ERR_OK;
     }
     const enum err e = team_create(&desc, &j->team, why);
+    if (!e)
+        team_look_ahead(j->team, shade_thread_next, shade);
     if (!e)
         log_info("%u ranks light the pictures of the first camera; those of others, and refinement of still ones, are "
                  "rank 0's",
@@ -105,13 +109,14 @@ void job_leave(struct job *j)
     if (!j->team)
         return;
     const struct team_stats s = *team_stats(j->team);
-    team_destroy(j->team);
-    j->team = NULL;
-    if (s.dealt > 0)
+    if (s.dealt > 0) /* now, since mpirun kills soon after a signal */
         log_info(
-            "%" PRIu64 " pictures were lit by all ranks: %.1f KB to each rank and %.2f MB from all of them for the "
+            "%" PRIu64 " pictures were lit by all ranks, %" PRIu64
+            " of them ordered early: %.1f KB to each rank and %.2f MB from all of them for the "
             "last; %.2f s for rank 0's parts, %.2f s of waiting for others; G-buffer and caches: %.1f MB on rank 0, at "
             "most %.1f MB on another",
-            s.dealt, 1e-3 * (double)s.sent, 1e-6 * (double)s.received, s.part_s, s.wait_s, 1e-6 * (double)s.memory,
-            1e-6 * (double)s.memory_most);
+            s.dealt, s.early, 1e-3 * (double)s.sent, 1e-6 * (double)s.received, s.part_s, s.wait_s,
+            1e-6 * (double)s.memory, 1e-6 * (double)s.memory_most);
+    team_destroy(j->team);
+    j->team = NULL;
 }

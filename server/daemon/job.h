@@ -7,7 +7,7 @@
 
 #include <stdbool.h>
 
-struct relighter;
+struct shade_thread;
 struct shared;
 struct team;
 
@@ -25,7 +25,7 @@ MUST_CHECK enum err job_join(struct job *j, struct shared *s, int argc, char **a
 MUST_CHECK enum err job_serve(struct job *j, struct shared *s, struct reason *why);
 
 /* On rank 0, before relighter_prepare: joins the other ranks, which compute the caches with it. */
-MUST_CHECK enum err job_lead(struct job *j, struct shared *s, struct relighter *r, struct reason *why);
+MUST_CHECK enum err job_lead(struct job *j, struct shared *s, struct shade_thread *shade, struct reason *why);
 
 /* On rank 0: ends the job on the other ranks. */
 void job_leave(struct job *j);

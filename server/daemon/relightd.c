@@ -118,7 +118,7 @@ static enum err load_scene(struct daemon *d, struct reason *why)
 static enum err prepare(struct daemon *d, struct reason *why)
 {
     struct shared *s = &d->shared;
-    enum err e = job_lead(&d->job, s, shade_thread_relighter(d->shade), why);
+    enum err e = job_lead(&d->job, s, d->shade, why);
 
     if (!e)
         e = shade_thread_prepare(d->shade, why);

@@ -30,7 +30,7 @@ static struct relight_desc describe_light(struct shade_thread *t, const struct i
     desc.direct.method = now->method;
     desc.direct.samples = now->samples;
     desc.direct.pass = c->setup.reseed ? in->environment->number : 0;
-    desc.turn = in->ticket.lockstep ? in->environment->number : t->pictures++; /* dropped frames do not count */
+    desc.turn = in->ticket.lockstep ? in->environment->number : t->pictures; /* dropped frames do not count */
     desc.direct.cancel = in->ticket.lockstep ? t->shared->stop : &t->shared->watch.cancel;
     desc.direct.why = why;
     /* --cache-wait is for the method of the command line: no controller can make others wait for a cache. */
@@ -54,16 +54,6 @@ static struct protocol_picture make_header(const struct daemon_config *c, const 
         .samples = samples,
     };
 }
-
-/* What lighting one frame used and measured. */
-struct lighting {
-    struct settings settings;
-    struct relight_desc asked; /* what the settings ask for */
-    struct frame_request request;
-    struct decision decision;
-    struct relight_stats stats;
-    struct pilot_stats pilot; /* zeroed unless the decision was measured */
-};
 
 /* Lockstep renders must be reproducible, so they always use the sample counts from the command line. Otherwise auto
  * gets a share of the interval, which leaves time for encoding and reading, since their threads slow this one down. */
@@ -90,6 +80,7 @@ static enum err light_frame(struct shade_thread *t, const struct ingested *in, f
 
     l->settings = in->ticket.lockstep ? shared->config.setup.initial : settings_now(&shared->settings);
     l->asked = describe_light(t, in, &l->settings, why);
+    t->pictures += !in->ticket.lockstep;
     l->request = make_request(t, in, l);
     if (!in->ticket.lockstep)
         decider_begin(&t->decider, r, &l->request);
@@ -211,6 +202,30 @@ static enum err apply_controls(struct shade_thread *t, struct reason *why)
     return ERR_OK;
 }
 
+bool shade_thread_next(void *thread, const struct environment **e, const struct relight_desc **request)
+{
+    struct shade_thread *t = thread;
+    struct frame_slots *frames = &t->shared->frames;
+    struct lighting *l = &t->next;
+
+    if (t->relighter != t->first_relighter || t->held == HANDOFF_NONE || t->early != HANDOFF_NONE ||
+        frames->slot[t->held].ticket.lockstep || clock_seconds() < t->begun_s + interval_s(t))
+        return false;
+    t->early = handoff_take_early(&frames->handoff);
+    if (t->early == HANDOFF_NONE || frames->slot[t->early].ticket.lockstep)
+        return false;
+    const struct ingested *in = &frames->slot[t->early];
+    l->settings = settings_now(&t->shared->settings);
+    l->asked = describe_light(t, in, &l->settings, NULL);
+    l->request = make_request(t, in, l);
+    if (l->request.target.seconds > 0.0 || l->request.target.error > 0.0) /* by what this picture will have taken */
+        return false;
+    decide(&t->decider, &l->request, &l->decision);
+    *e = in->environment;
+    *request = &l->decision.light;
+    return true;
+}
+
 /* Takes the newest frame, releases the previous one and lights the new one. due_s: when this picture was due. */
 static enum err shade_next(struct shade_thread *t, double due_s, double now_s, struct reason *why)
 {
@@ -221,7 +236,8 @@ static enum err shade_next(struct shade_thread *t, double due_s, double now_s, s
         server_frame_fate(t->shared->server, &frames->slot[t->held].ticket, SERVER_SUPERSEDED, NULL);
     if (t->held != HANDOFF_NONE)
         handoff_release(&frames->handoff, t->held);
-    t->held = handoff_take(&frames->handoff, 0);
+    t->held = t->early != HANDOFF_NONE ? t->early : handoff_take(&frames->handoff, 0);
+    t->early = HANDOFF_NONE;
     if (t->held == HANDOFF_NONE) /* closed */
         return ERR_OK;
     /* Keep to the grid of the requested rate, unless it was missed by more than one picture. */
@@ -253,7 +269,7 @@ enum err shade_thread_turn(struct shade_thread *t, struct reason *why)
         return ERR_OK;
     }
     const bool refine = refine_is_due(t);
-    if (handoff_wait_newer(&shared->frames.handoff, refine ? 0 : POLL_MS))
+    if (t->early != HANDOFF_NONE || handoff_wait_newer(&shared->frames.handoff, refine ? 0 : POLL_MS))
         return shade_next(t, due_s, now_s, why);
     if (t->cut_s > 0.0)
         return shade_again(t, now_s, why);
@@ -294,7 +310,7 @@ enum err shade_thread_create(struct shared *shared, struct shade_thread **out, s
     if (!t)
         return err_say(why, ERR_NOMEM, "out of memory");
     t->shared = shared;
-    t->held = HANDOFF_NONE;
+    t->held = t->early = HANDOFF_NONE;
     enum err e = read_parts(t, why);
     if (!e)
         e = set_create(&c->setup.set_desc, &t->first_set, why);

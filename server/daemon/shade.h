@@ -5,6 +5,10 @@
 
 #include "base/err.h"
 
+#include <stdbool.h>
+
+struct environment;
+struct relight_desc;
 struct relighter;
 struct scene;
 struct settings;
@@ -22,6 +26,9 @@ const char *shade_thread_view(const struct shade_thread *t); /* the current came
 
 /* The relighter of the first view, which stays in a job. Owned by t. */
 struct relighter *shade_thread_relighter(struct shade_thread *t);
+
+/* A team_next (team/team.h) of a shade_thread: the next frame, if it is there and its picture due. */
+bool shade_thread_next(void *thread, const struct environment **e, const struct relight_desc **request);
 
 /* Computes the data that the method needs before its first frame (a light transport cache). Errors are those of
  * relighter_prepare. */

@@ -67,6 +67,16 @@ struct shown_lamps {
     bool failed;                         /* no memory or thread: do not retry */
 };
 
+/* What lighting one frame used and measured. */
+struct lighting {
+    struct settings settings;
+    struct relight_desc asked; /* what the settings ask for */
+    struct frame_request request;
+    struct decision decision;
+    struct relight_stats stats;
+    struct pilot_stats pilot; /* zeroed unless the decision was measured */
+};
+
 struct shade_thread {
     struct shared *shared;
     struct set *set;                   /* the displayed view */
@@ -91,6 +101,8 @@ struct shade_thread {
     double cut_s;              /* time of the last one (clock_seconds); 0: a picture was finished since */
     bool cut_new_view;         /* it was the first picture of another camera */
     int held;                  /* slot of the displayed frame, or HANDOFF_NONE */
+    int early;                 /* slot of the next one, which other ranks light already, or HANDOFF_NONE */
+    struct lighting next;      /* of that one */
     double begun_s, shaded_s;  /* when the last picture was due, and when it was finished; 0: none yet */
 };
 

@@ -6,7 +6,8 @@ enum err shared_init(struct shared *s, struct reason *why)
 
     settings_init(&s->settings, &s->config);
     status_init(&s->status, s);
-    if (frame_slots_init(&s->frames, &s->config) || picture_slots_init(&s->pictures, width, height))
+    if (frame_slots_init(&s->frames, &s->config, s->ranks ? HANDOFF_SLOTS_EARLY : HANDOFF_SLOTS) ||
+        picture_slots_init(&s->pictures, width, height))
         return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", width, height);
     return ERR_OK;
 }

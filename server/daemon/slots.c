@@ -4,14 +4,15 @@
 #include "daemon/config.h"
 #include "env/resample_table.h"
 
-enum err frame_slots_init(struct frame_slots *s, const struct daemon_config *config)
+enum err frame_slots_init(struct frame_slots *s, const struct daemon_config *config, int count)
 {
     bool ok;
 
     handoff_init(&s->handoff);
     s->tables = resample_tables_create();
+    s->count = count;
     ok = s->tables != NULL;
-    for (int i = 0; i < HANDOFF_SLOTS && ok; i++) {
+    for (int i = 0; i < count && ok; i++) {
         s->slot[i].environment =
             environment_create(&(struct environment_desc){ .layout = config->setup.environment.layout,
                                                            .importance = config->setup.environment.importance,
@@ -23,7 +24,7 @@ enum err frame_slots_init(struct frame_slots *s, const struct daemon_config *con
 
 void frame_slots_finish(struct frame_slots *s)
 {
-    for (int i = 0; i < HANDOFF_SLOTS; i++)
+    for (int i = 0; i < s->count; i++)
         environment_destroy(s->slot[i].environment);
     resample_tables_destroy(s->tables);
     handoff_finish(&s->handoff);

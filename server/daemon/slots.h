@@ -1,5 +1,6 @@
 /* Handoff between threads: frames from ingest to shade, pictures from shade to encode. Three slots each
- * (base/handoff.h): the newest wins, and one thread at a time writes or reads a slot. */
+ * (base/handoff.h): the newest wins, and one thread at a time writes or reads a slot. As a job, the shade thread takes
+ * frames early, and there are four. */
 #ifndef DAEMON_SLOTS_H
 #define DAEMON_SLOTS_H
 
@@ -37,8 +38,9 @@ struct shaded {
 
 struct frame_slots {
     struct handoff handoff;
-    struct ingested slot[HANDOFF_SLOTS];
-    struct resample_tables *tables; /* shared by the three environments */
+    struct ingested slot[HANDOFF_SLOTS_EARLY];
+    int count;                      /* of slots with an environment */
+    struct resample_tables *tables; /* shared by these environments */
 };
 
 struct picture_slots {
@@ -47,7 +49,7 @@ struct picture_slots {
 };
 
 /* Main thread, before the others start. ERR_NOMEM; call finish in either case, which accepts zeroed memory. */
-MUST_CHECK enum err frame_slots_init(struct frame_slots *s, const struct daemon_config *config);
+MUST_CHECK enum err frame_slots_init(struct frame_slots *s, const struct daemon_config *config, int count);
 void frame_slots_finish(struct frame_slots *s);
 MUST_CHECK enum err picture_slots_init(struct picture_slots *s, uint32_t width, uint32_t height);
 void picture_slots_finish(struct picture_slots *s);

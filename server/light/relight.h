@@ -40,7 +40,8 @@ struct set {
     struct view view;
     struct plan_facts facts; /* except the sky's */
     double load_ms, bvh_ms, gbuffer_ms;
-    bool borrowed; /* scene and rays belong to another set */
+    double gbuffer_cost_s; /* processor time per thread */
+    bool borrowed;         /* scene and rays belong to another set */
 };
 
 struct set_desc {

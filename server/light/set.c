@@ -8,6 +8,7 @@
 #include "reader/builtin.h"
 #include "scene/ground.h"
 
+#include <omp.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -71,7 +72,7 @@ static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct
 
     if (e)
         return e;
-    const double start = clock_seconds();
+    const double start = clock_seconds(), used = clock_processor();
     const struct gbuffer_desc g = {
         .camera = &camera,
         .width = desc->width,
@@ -85,6 +86,7 @@ static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct
     if (!e)
         e = gbuffer_create(s->scene, s->rays, &g, &s->gbuffer, why);
     s->gbuffer_ms = 1e3 * (clock_seconds() - start);
+    s->gbuffer_cost_s = (clock_processor() - used) / omp_get_max_threads();
     snprintf(s->camera, sizeof(s->camera), "%s", camera.name);
     free_view_write(&camera, s->placed);
     view_init(&s->view, &camera, desc->width, desc->height);

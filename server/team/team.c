@@ -13,21 +13,8 @@
 #include <math.h>
 #include <string.h>
 
-#define SMOOTH 0.1          /* weight of a picture in a rank's measured speed, */
-#define SOON 0.4            /* and while shares are not settled */
-#define LEAST 0.02          /* of the fastest rank's speed: with no share at all, it would never be measured again */
-#define BLOCK_PACKETS 4     /* at most, of a block of the cache */
-#define MARGIN (1.0 / 16.0) /* a rank keeps the packets of its share and this part of a mean share on either side, */
-#define MARGIN_MIN 8        /* and some packets, since parts begin at blocks; */
-#define MARGIN_FIRST 0.75   /* this part during the first pictures, in which the shares are measured, */
-#define FIRST 12            /* of so many pictures with a cache */
-#define WAITED 2e-3         /* seconds: longer than a poll */
-#define RANGE 2.0           /* initial shares differ from the mean by 2^-RANGE .. 2^RANGE */
-
-static uint32_t margin_of(const struct team *t, bool settled)
-{
-    return (uint32_t)((settled ? MARGIN : MARGIN_FIRST) * packets_of(t) / t->count) + MARGIN_MIN;
-}
+#define FIRST 12    /* pictures with a cache in which shares are measured */
+#define WAITED 2e-3 /* seconds: longer than a poll */
 
 /* ---- Light in messages ---- */
 
@@ -43,40 +30,7 @@ static void unpack_light(const struct team *t, const uint8_t *in, float *lo, siz
         lo[i] = half_widen(from[i]);
 }
 
-/* ---- Memory ---- */
-
-/* The packets that this rank keeps: those of its share, and some on either side. */
-static void choose_kept(struct team *t)
-{
-    const struct set *set = relighter_set(t->desc.relighter);
-    const uint32_t packets = packets_of(t), margin = margin_of(t, t->settled);
-    const uint32_t first = t->shares[t->own], end = t->shares[t->own + 1];
-
-    t->share.first = first > margin ? first - margin : 0;
-    t->share.end = end + margin < packets ? end + margin : packets;
-    if (t->own == 0 && set->scene->ground.radius > 0.0f) /* whose pictures it lights alone */
-        t->share.end = 0;
-}
-
-/* Releases the G-buffer of other ranks' packets and, except on rank 0, of the pixels, once no cache will need it. */
-static void release_others(struct team *t)
-{
-    const struct transport *cache = relighter_cache(t->desc.relighter);
-    struct gbuffer *g = relighter_set(t->desc.relighter)->gbuffer;
-
-    if (t->released || !t->settled || t->share.end == 0 || !cache || !relighter_is_complete(t->desc.relighter))
-        return;
-    for (uint32_t first = 0, end; first < g->packet_count; first = end) {
-        const bool kept = transport_keeps(cache, &t->share, first);
-        for (end = first + 1; end < g->packet_count && transport_keeps(cache, &t->share, end) == kept; end++)
-            ;
-        if (!kept)
-            gbuffer_release_packets(g, first, end);
-    }
-    if (t->own > 0)
-        gbuffer_release_pixels(g);
-    t->released = true;
-}
+/* ---- Caches ---- */
 
 static enum err begin_caches(void *context, const void *request)
 {
@@ -92,80 +46,7 @@ static enum err begin_caches(void *context, const void *request)
     return ranks_broadcast(t->desc.ranks, &order, sizeof(order));
 }
 
-/* Shares by the time in which each rank has made its G-buffer, in powers of two: other work on a host disturbs it. */
-static void share_out(struct team *t)
-{
-    const struct set *set = relighter_set(t->desc.relighter);
-    const uint32_t packets = set->gbuffer->packet_count;
-    double mean = 0.0, whole = 0.0, at = 0.0;
-
-    ranks_share_number(t->desc.ranks, 1.0 / fmax(set->gbuffer_ms, 1e-3), t->speed);
-    for (uint32_t k = 0; k < t->count; k++)
-        mean += t->speed[k] / t->count;
-    for (uint32_t k = 0; k < t->count; k++) {
-        t->speed[k] = exp2(fmin(fmax(round(log2(t->speed[k] / mean)), -RANGE), RANGE));
-        whole += t->speed[k];
-    }
-    for (uint32_t k = 0; k < t->count; k++) {
-        at += t->speed[k];
-        t->shares[k + 1] = (uint32_t)(at / whole * packets + 0.5);
-        t->speed[k] = 0.0; /* not measured in pictures yet */
-    }
-    t->shares[t->count] = packets;
-    choose_kept(t);
-}
-
-/* The shares are known: frees the rest. */
-enum err team_settle(struct team *t)
-{
-    t->settled = true;
-    choose_kept(t);
-    const enum err e = relighter_narrow(t->desc.relighter);
-    if (!(t->own == 0 && t->desc.whole))
-        release_others(t);
-    return e;
-}
-
 /* ---- Rank 0 ---- */
-
-/* Shares by measured speed, once all ranks have one, at most `margin` packets from the shares that ranks keep. Parts of
- * pictures with the cache begin at a block. */
-static void cut(const struct team *t, const struct transport *cache, uint32_t margin, uint32_t *cuts)
-{
-    const uint32_t packets = packets_of(t);
-    double whole = 0.0, at = 0.0;
-    bool all = true;
-
-    for (uint32_t k = 0; k < t->count; k++) {
-        all = all && t->speed[k] > 0.0;
-        whole += t->speed[k];
-    }
-    cuts[0] = 0;
-    cuts[t->count] = packets;
-    for (uint32_t k = 1; k < t->count; k++) {
-        const uint32_t share = t->shares[k], least = share > margin ? share - margin + BLOCK_PACKETS : 0;
-        at += t->speed[k - 1];
-        uint32_t place = all ? (uint32_t)(at / whole * packets + 0.5) : share;
-        place = place < least ? least : place > share + margin ? share + margin : place;
-        place = place < packets ? place : packets;
-        place = cache ? transport_cut(cache, place) : place;
-        cuts[k] = place > cuts[k - 1] ? place : cuts[k - 1];
-    }
-}
-
-static void learn(struct team *t, uint32_t rank, uint32_t packets, double seconds)
-{
-    double most = 0.0;
-
-    if (packets == 0 || !(seconds > 0.0))
-        return;
-    const double speed = packets / seconds;
-    t->speed[rank] += (t->speed[rank] > 0.0 ? t->settled ? SMOOTH : SOON : 1.0) * (speed - t->speed[rank]);
-    for (uint32_t k = 0; k < t->count; k++)
-        most = t->speed[k] > most ? t->speed[k] : most;
-    if (t->speed[rank] < LEAST * most)
-        t->speed[rank] = LEAST * most;
-}
 
 static int turn_of(const struct team *t, const struct dealt *d)
 {
@@ -245,7 +126,7 @@ static enum err deal(struct team *t, struct dealt *d, const struct environment *
     d->order.narrow = faces;
     d->order.sky = cache ? transport_sky_bytes(cache, indirect) : 0;
     d->order.faces = faces ? 3 * sizeof(float) * CUBE_FACES * (uint64_t)e->n * e->n : 0;
-    cut(t, cache, margin_of(t, t->settled), d->cuts);
+    team_cut(t, cache, d->cuts);
     if (!result)
         result = make_room(t, d);
     if (!result)
@@ -275,7 +156,7 @@ static enum err take_all(struct team *t, const struct dealt *d, const struct pac
             unpack_light(t, at + sizeof(a), lo + (size_t)d->cuts[k] * BLOCK, (size_t)packets * BLOCK);
         t->stats.memory_most = k == 1 || a.memory > t->stats.memory_most ? a.memory : t->stats.memory_most;
         stats->direct.rays += a.rays;
-        learn(t, k, packets, t->waited[k] > WAITED ? fmax(a.seconds, taken_s) : a.seconds);
+        team_learn(t, k, packets, t->waited[k] > WAITED ? fmax(a.seconds, taken_s) : a.seconds);
         at += answer_bytes(t, packets);
     }
     for (uint32_t i = 0; i < own->count && !e; i++)
@@ -293,7 +174,7 @@ static enum err alone(struct team *t, struct relighter *r, const struct environm
     return relighter_run_part(r, e, passes, &all, lo, stats);
 }
 
-/* After the first pictures with a cache: the cuts at which all ranks take the same time become the shares, between
+/* After the first pictures with a cache: all ranks get new shares, between
  * this picture and the next. */
 static enum err settle_all(struct team *t, const struct transport *cache)
 {
@@ -301,8 +182,8 @@ static enum err settle_all(struct team *t, const struct transport *cache)
 
     if (!cache || t->settled || !relighter_is_complete(t->desc.relighter) || ++t->first < FIRST)
         return ERR_OK;
-    /* What ranks keep on either side from then on must be among what they have. */
-    cut(t, cache, margin_of(t, false) - margin_of(t, true), t->shares);
+    if (team_choose_shares(t, cache))
+        return ERR_NOMEM;
     memset(&t->order, 0, sizeof(t->order));
     t->order.kind = ORDER_KEEP;
     enum err e = ranks_begin_broadcast(t->desc.ranks, turn, &t->order, sizeof(t->order));
@@ -349,9 +230,10 @@ static enum err receive(struct team *t, struct dealt *d)
  * they have an order meanwhile. */
 static void learn_own(struct team *t, bool early, uint32_t packets, double part_s, double busy_until)
 {
-    if (early && t->stats.early == 1)
+    if (early != t->was_early)
         t->speed[0] = 0.0; /* the other measure */
-    learn(t, 0, packets, early ? busy_until - t->end_s : part_s);
+    t->was_early = early;
+    team_learn(t, 0, packets, early ? busy_until - t->end_s : part_s);
 }
 
 /* Lights the shade points of a picture on all ranks. */
@@ -436,6 +318,7 @@ enum err team_create(const struct team_desc *desc, struct team **out, struct rea
         t->own = ranks_index(desc->ranks);
         t->count = ranks_count(desc->ranks);
         t->speed = mem_alloc(t->count, sizeof(*t->speed));
+        t->weight = mem_alloc(t->count, sizeof(*t->weight));
         t->waited = mem_alloc(t->count, sizeof(*t->waited));
         for (int turn = 0; turn < 2; turn++)
             t->dealt[turn].cuts = mem_alloc((size_t)t->count + 1, sizeof(*t->cuts));
@@ -448,8 +331,8 @@ enum err team_create(const struct team_desc *desc, struct team **out, struct rea
         sky.lean = true;
         t->environment = t->own > 0 ? environment_create(&sky) : NULL;
     }
-    const bool all =
-        t && t->speed && t->waited && t->cuts && t->dealt[1].cuts && t->shares && (t->environment || t->own == 0);
+    const bool all = t && t->speed && t->weight && t->waited && t->cuts && t->dealt[1].cuts && t->shares &&
+                     (t->environment || t->own == 0);
     enum err e = ranks_agree(desc->ranks, all ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory"), why);
     if (!e)
         e = compare_sets(t, why);
@@ -459,7 +342,7 @@ enum err team_create(const struct team_desc *desc, struct team **out, struct rea
         team_destroy(t);
         return e;
     }
-    share_out(t);
+    team_share_out(t);
     relighter_share(desc->relighter, &t->share);
     relighter_round(desc->relighter, desc->half);
     t->light = (struct light_team){ points, t };
@@ -487,6 +370,7 @@ void team_destroy(struct team *t)
     }
     environment_destroy(t->environment);
     mem_free(t->speed);
+    mem_free(t->weight);
     mem_free(t->waited);
     mem_free(t->shares);
     mem_free(t->in.at);

@@ -47,11 +47,13 @@ struct team {
     struct environment *environment; /* of other ranks */
     double *waited;                  /* [count]: seconds that rank 0 waited for the last picture's answers */
     double *speed;                   /* [count]: packets a second; 0: not measured yet */
-    uint32_t *shares;                /* [count + 1]: initial cuts, about which ranks keep packets */
+    double *weight;                  /* [count]: initial shares, sum 1 */
+    uint32_t *shares;                /* [count + 1]: the cuts about which ranks keep packets */
     struct dealt dealt[2];           /* rank 0: this picture's, dealt[turn], and the next one's */
     int turn;
     team_next *next; /* NULL: pictures are not known ahead */
     void *next_context;
+    bool was_early; /* rank 0: the last picture */
     double end_s;   /* when the last picture's points were complete; 0: others had no order meanwhile */
     uint32_t *cuts; /* dealt[0].cuts, of other ranks */
     struct cache_share share;
@@ -94,7 +96,23 @@ static inline size_t cuts_bytes(const struct team *t)
     return ((size_t)t->count + 1) * sizeof(uint32_t);
 }
 
-/* team.c: t->shares are known: frees what other ranks need. ERR_NOMEM. */
+/* ---- shares.c ---- */
+
+/* Collective. Initial shares by the processor time that each rank's G-buffer took, in powers of two, since it is
+ * measured only once. */
+void team_share_out(struct team *t);
+/* Rank 0, after the first pictures: shares that take all ranks the same time, as far as the memory of none exceeds its
+ * initial share by much. ERR_NOMEM. */
+MUST_CHECK enum err team_choose_shares(struct team *t, const struct transport *cache);
+/* Moves cuts [count + 1] as little as needed for rank k to have at most most[k] bytes, to within a packet. before:
+ * [packets + 1], the bytes of all packets before one; the sum of `most` must not be less than all of them. */
+void team_limit_shares(const double *before, uint32_t packets, const double *most, uint32_t count, uint32_t *cuts);
+/* The shares are known: frees what other ranks need. ERR_NOMEM. */
 MUST_CHECK enum err team_settle(struct team *t);
+/* Rank 0: the cuts of a picture by measured speed, near the shares. Parts of pictures with the cache begin at a
+ * block. */
+void team_cut(const struct team *t, const struct transport *cache, uint32_t *cuts);
+/* Rank 0: what a rank's part of a picture took. */
+void team_learn(struct team *t, uint32_t rank, uint32_t packets, double seconds);
 
 #endif

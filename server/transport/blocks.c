@@ -116,18 +116,22 @@ struct transport *transport_begin(const struct gbuffer *g, const struct rays *ra
 
 void transport_count_block(struct transport *t, const struct transport_block *b)
 {
-    const uint32_t points = b->packets * PACKET;
-
-    t->stats.bytes += transport_gaze_bytes(b);
+    t->stats.bytes += transport_block_bytes(b);
     for (uint32_t r = 0; r < b->rows; r++) {
         const struct transport_piece *q = &b->pieces[r];
-        t->stats.bytes += transport_piece_bytes(q, points);
-        t->stats.dense += sizeof(uint16_t) * (uint64_t)points * SKY_CELLS;
+        t->stats.dense += sizeof(uint16_t) * (uint64_t)b->packets * PACKET * SKY_CELLS;
         t->stats.raw += q->shape.form == TRANSPORT_RAW;
         t->stats.halves += q->bytes && q->shape.form == TRANSPORT_HALVES;
         t->stats.rank += q->shape.form == TRANSPORT_RAW ? 0 : q->shape.rank;
         t->stats.pieces++;
     }
+}
+
+double transport_packet_bytes(const struct transport *t, uint32_t packet)
+{
+    const struct transport_block *b = transport_block_of(t, packet);
+
+    return (double)(transport_block_bytes(b) + b->freed) / b->packets;
 }
 
 void transport_count_kept(struct transport *t, const struct cache_share *s)

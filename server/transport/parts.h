@@ -74,6 +74,7 @@ struct transport_block {
     uint32_t rows;                /* rows with pieces; blocks with narrow lobes have only the matte row */
     bool narrow;                  /* has lobes narrower than a cell, and therefore gazes */
     bool fine;                    /* its stage is TRANSPORT_FINE; valid only for published blocks */
+    uint32_t freed;               /* bytes that transport_keep has freed */
     struct transport_gaze *gazes; /* [packets][TRANSPORT_GAZES]; NULL until built */
     struct transport_piece pieces[TRANSPORT_ROWS];
     struct transport_sight sight;

@@ -27,6 +27,7 @@ void transport_keep(struct transport *t, const struct cache_share *s)
         struct transport_block *b = &t->blocks[k];
         if (transport_keeps(t, s, b->first))
             continue;
+        b->freed += (uint32_t)transport_block_bytes(b);
         for (uint32_t r = 0; t->bytes && r < TRANSPORT_ROWS; r++)
             b->pieces[r].bytes = NULL; /* they belong to t->bytes */
         transport_block_finish(b);

@@ -141,6 +141,10 @@ const uint8_t *transport_work(const struct transport *t);
  * itself. */
 uint32_t transport_cut(const struct transport *t, uint32_t packet);
 
+/* The bytes of the cache that lighting a packet needs, on average over its block; in process 0 those that
+ * transport_keep has freed, too. */
+double transport_packet_bytes(const struct transport *t, uint32_t packet);
+
 /* Distributes a frame over several processes with the same cache. The first process takes the sky of e and packs the
  * data that the others need. The others unpack it and light their parts with sky_taken under an environment of the same
  * size that contains only the bright texels, so it does not serve narrow lobes. transport_take_sky: ERR_NOMEM.

@@ -93,4 +93,29 @@ a_live_job_shows_the_pictures_of_one_process() {
     grep -q 'exited on signal 9' many.log || { cat many.log; fail "mpirun does not say which rank"; }
 }
 
+# While a picture is lit, the next frame goes out already; the pictures stay those of one process.
+a_live_job_orders_frames_early() {
+    local flags=(--source sky:size=64x32,time=09:00,speed=60 --size 64x36 --rate 0 --fps 240 --port 0 --converge off --method mis --samples 4 --part-floats half --exposure 0)
+    local which launcher
+    for which in one many; do
+        local words=(mpirun --oversubscribe -n 3)
+        [ $which = many ] || words=()
+        timeout 100 "${words[@]}" "$bin/relightd" "${flags[@]}" 2>$which.log &
+        launcher=$!
+        for _ in $(seq 300); do
+            grep -q 'listening on' $which.log && break
+            sleep 0.1
+        done
+        timeout 60 "$bin/relight-record" --from "$(sed -n 's/.*listening on http/ws/p' $which.log)" --frames 30 --quiet --out $which/%d.exr 2>>$which.log || { cat $which.log; fail "no pictures of $which"; }
+        kill $launcher
+        wait $launcher || true
+    done
+    grep -Eq 'lit by all ranks, [1-9][0-9]* of them ordered early' many.log || { cat many.log; fail "no frame went out early"; }
+    local file same=0
+    for file in one/*.exr; do
+        [ ! -e "many/${file#one/}" ] || { cmp "$file" "many/${file#one/}"; same=$((same + 1)); }
+    done
+    [ $same -ge 10 ] || fail "only $same pictures of both"
+}
+
 "$1"

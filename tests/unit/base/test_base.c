@@ -257,6 +257,27 @@ static void newest_frame_wins(void **state)
     handoff_finish(&h);
 }
 
+static void a_slot_taken_early_is_the_readers_next(void **state)
+{
+    struct handoff h;
+
+    (void)state;
+    handoff_init(&h);
+    handoff_publish(&h, 0);
+    assert_int_equal(handoff_take(&h, 0), 0);
+    assert_int_equal(handoff_take_early(&h), HANDOFF_NONE);
+    handoff_publish(&h, 1);
+    assert_int_equal(handoff_take_early(&h), 1);
+    assert_true(handoff_wait_taken(&h, 0));
+    handoff_publish(&h, 2); /* newer, and yet not the next */
+    assert_int_equal(handoff_begin(&h), 3);
+    handoff_release(&h, 0);
+    assert_true(handoff_is_idle(&h, 0) && !handoff_is_idle(&h, 1));
+    handoff_release(&h, 1);
+    assert_int_equal(handoff_take(&h, 0), 2);
+    handoff_finish(&h);
+}
+
 #define FRAMES 20000
 
 struct relay {
@@ -328,6 +349,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_block_is_outgrown_when_the_last_eight_were_far_smaller),
     cmocka_unit_test(the_writer_has_what_nobody_holds),
     cmocka_unit_test(newest_frame_wins),
+    cmocka_unit_test(a_slot_taken_early_is_the_readers_next),
     cmocka_unit_test(frames_arrive_whole_and_in_order_between_threads),
     cmocka_unit_test(closing_wakes_who_waits),
 };

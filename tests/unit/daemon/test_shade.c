@@ -325,6 +325,40 @@ static void a_query_waits_for_a_picture_that_is_made_again(void **state)
     rig_end(&r);
 }
 
+/* As rank 0 of a job asks for it while others light the picture before. */
+static void a_frame_taken_early_is_lit_before_newer_ones(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--method", "mis", "--samples", "2", "--converge", "off", NULL };
+    static float rgb[3 * WIDTH * HEIGHT];
+    const struct environment *e = NULL;
+    const struct relight_desc *request = NULL;
+    struct rig r;
+
+    rig_begin(&r, flags);
+    rig_load(&r);
+    assert_false(shade_thread_next(r.shade, &e, &request)); /* no picture yet */
+    light(&r, 1, false, rgb);
+    fake.demand.recorder = true;                            /* without a pause between pictures */
+    assert_false(shade_thread_next(r.shade, &e, &request)); /* no frame yet */
+    rig_hand_in(&r, 2, false);
+    assert_true(shade_thread_next(r.shade, &e, &request));
+    assert_int_equal(e->number, 2);
+    assert_true(request->direct.samples == 2 && request->turn == 1);
+    rig_hand_in(&r, 3, false);
+    assert_false(shade_thread_next(r.shade, &e, &request)); /* one is enough */
+    for (uint64_t number = 2; number <= 3; number++) {
+        struct shaded *p = rig_picture(&r, TURNS);
+        assert_non_null(p);
+        assert_int_equal(p->header.frame, number);
+        rig_release(&r, p);
+    }
+    fake.demand.recorder = false;
+    rig_hand_in(&r, 4, false);
+    assert_false(shade_thread_next(r.shade, &e, &request)); /* its picture is not due for a while */
+    rig_end(&r);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_frame_that_is_handed_in_becomes_a_picture),
     cmocka_unit_test(settings_take_effect_at_the_next_frame),
@@ -335,6 +369,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(lamps_are_scaled_without_lighting_the_frame_again),
     cmocka_unit_test(refinement_leaves_the_lamps_as_they_are),
     cmocka_unit_test(lockstep_pictures_have_all_of_the_lamps),
+    cmocka_unit_test(a_frame_taken_early_is_lit_before_newer_ones),
     cmocka_unit_test(a_query_waits_for_a_picture_that_is_made_again),
 };
 

@@ -1,0 +1,1 @@
+unit_test(team test_shares m)
