@@ -71,6 +71,7 @@ static struct relight_desc denoised(const struct decider *d, const struct religh
     out.denoise = out.remember = true;
     out.direct.samples = d->cache.pictures == 0 ? FIRST_OF_ALL : FIRST_SAMPLES;
     out.eye_paths = light->eye_paths ? light->eye_paths : FIRST_PATHS;
+    out.eye_pairs = d->cache.pictures == 0;
     return out;
 }
 
