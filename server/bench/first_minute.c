@@ -8,6 +8,7 @@
 
 #include <math.h>
 #include <omp.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -43,6 +44,8 @@ struct first_minute {
     struct frame frame;
     struct set *set;
     struct environment *environment;
+    enum err sky_error; /* of make_sky, with its reason */
+    struct reason sky_why;
     struct relighter *relighter;
     struct decider decider;
     struct relight_desc light;
@@ -70,23 +73,39 @@ static double processor_seconds(void)
 
 /* ---- What a process has: made again for each start ---- */
 
+/* The sky's tables, beside the loading of the scene, as relightd's ingest thread makes them. */
+static void *make_sky(void *arg)
+{
+    struct first_minute *m = arg;
+
+    omp_set_num_threads(1);
+    m->environment = environment_create(&(struct environment_desc){ .n = 0 });
+    m->sky_error = m->environment ? environment_update(m->environment, &m->frame, &m->sky_why)
+                                  : err_say(&m->sky_why, ERR_NOMEM, "out of memory");
+    return NULL;
+}
+
 static enum err begin(struct first_minute *m, const char *folder, struct reason *why)
 {
     const struct bench_desc *d = m->desc;
     const struct set_desc set = { .scene = d->scene, .reading = d->reading, .width = d->width, .height = d->height };
 
+    pthread_t sky;
+
     m->begun_s = clock_seconds();
     m->begun_processor_s = processor_seconds();
     m->pictures = 0;
     m->light.cache_dir = folder;
+    if (pthread_create(&sky, NULL, make_sky, m) != 0)
+        return err_say(why, ERR_NOMEM, "a thread could not be started");
     const enum err e = set_create(&set, &m->set, why);
+    pthread_join(sky, NULL);
     if (e)
         return e;
-    m->environment = environment_create(&(struct environment_desc){ .n = 0 });
+    if (m->sky_error)
+        return err_say(why, m->sky_error, "%s", m->sky_why.text);
     m->relighter = relighter_create(m->set, m->kernels);
-    if (!m->environment || !m->relighter)
-        return err_say(why, ERR_NOMEM, "out of memory");
-    return environment_update(m->environment, &m->frame, why);
+    return m->relighter ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory");
 }
 
 static void end(struct first_minute *m)

@@ -129,6 +129,19 @@ void ingest_relight(struct ingest_thread *t, const struct frame *f, uint64_t ver
 
 /* ---- The thread ---- */
 
+#define PREPARED_POLL_MS 2
+
+void ingest_wait_prepared(struct ingest_thread *t)
+{
+    while (!atomic_load(&t->prepared) && !shared_is_stopping(t->shared))
+        ingest_sleep_ms(PREPARED_POLL_MS);
+}
+
+void ingest_thread_go_on(struct ingest_thread *t)
+{
+    atomic_store(&t->prepared, true);
+}
+
 static void *run(void *arg)
 {
     struct ingest_thread *t = arg;

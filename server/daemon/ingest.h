@@ -12,8 +12,12 @@ struct shared;
  * *out is NULL and *why explains it. Errors are those of source_open and decoder_create. Main thread. */
 MUST_CHECK enum err ingest_thread_create(struct shared *shared, struct ingest_thread **out, struct reason *why);
 
-/* Starts reading. ERR_NOMEM: no thread. Main thread. */
+/* Starts reading: of a source only the first frame, so that its tables are built while the scene loads, until
+ * ingest_thread_go_on. ERR_NOMEM: no thread. Main thread. */
 MUST_CHECK enum err ingest_thread_start(struct ingest_thread *t, struct reason *why);
+
+/* The scene is prepared, and the settings are restored: all frames are read from here on. Main thread, once. */
+void ingest_thread_go_on(struct ingest_thread *t);
 
 /* Waits for the thread, which ends when shared_is_stopping. Main thread. NULL is allowed. */
 void ingest_thread_destroy(struct ingest_thread *t);

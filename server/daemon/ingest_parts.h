@@ -14,6 +14,7 @@ struct ingest_thread {
     bool warned_clipped;
     pthread_t thread;
     bool running;
+    atomic_bool prepared; /* ingest_thread_go_on was called */
 };
 
 /* Ingest thread, all of what follows. */
@@ -26,6 +27,9 @@ MUST_CHECK enum err ingest_frame(struct ingest_thread *t, const struct frame *f,
 /* If light settings changed since *seen, publishes the current frame again with the new settings. */
 void ingest_relight(struct ingest_thread *t, const struct frame *f, uint64_t version, uint64_t *seen,
                     struct reason *why);
+
+/* Waits for ingest_thread_go_on. */
+void ingest_wait_prepared(struct ingest_thread *t);
 
 /* Sleeps for 0 to 999 milliseconds; a signal may end it early. */
 void ingest_sleep_ms(int64_t ms);

@@ -60,6 +60,7 @@ void ingest_from_producers(struct ingest_thread *t, struct reason *why)
     uint64_t version = 0;
     bool any = false, lockstep = false; /* whether a frame was taken before, and the last one was in lockstep */
 
+    ingest_wait_prepared(t);
     while (!shared_is_stopping(shared)) {
         const struct settings now = settings_now(&shared->settings);
         if (!lockstep || handoff_wait_taken(&shared->frames.handoff, 0)) /* new settings replace no lockstep frame */

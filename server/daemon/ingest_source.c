@@ -198,6 +198,14 @@ static void take_kind(struct pull *p)
     status_set_kind(&p->shared->status, p->shared);
 }
 
+/* After the first frame, which was read while the scene was loading. */
+static void begin_with(struct pull *p)
+{
+    ingest_wait_prepared(p->t);
+    relight(p);
+    p->next_ms = clock_ms();
+}
+
 /* Publishes the frame that was read, or reports why there is none. */
 static void take_frame(struct pull *p, enum err read)
 {
@@ -210,8 +218,11 @@ static void take_frame(struct pull *p, enum err read)
         swap_frames(p);
         e = ingest_frame(p->t, &p->frame, &none, p->why);
     }
+    p->version = version;
     p->count++;
     p->used += !e;
+    if (p->count == 1)
+        begin_with(p);
     if (e && p->used == 0 && p->count == length)
         log_error("none of the %" PRIu64 " frames of --source %s can be used: there is no image until one can", length,
                   p->shared->config.setup.source_desc.spec);
@@ -223,7 +234,6 @@ static void take_frame(struct pull *p, enum err read)
     p->lost = false;
     p->ended = !e && length == 1 && !p->shared->config.setup.reseed; /* a single picture need not be read again */
     p->reported_end = false;
-    p->version = version;
 }
 
 void ingest_from_source(struct ingest_thread *t, struct reason *why)
@@ -244,6 +254,7 @@ void ingest_from_source(struct ingest_thread *t, struct reason *why)
             continue;
         }
         if (!e && p.coming.kind == FRAME_NONE) { /* nothing new in a watched folder or from a live stream */
+            ingest_wait_prepared(t);
             report_silence(&p);
             relight(&p);
             continue;

@@ -107,8 +107,10 @@ static enum err open_outside(struct daemon *d, struct reason *why)
 static enum err load_scene(struct daemon *d, struct reason *why)
 {
     struct shared *s = &d->shared;
-    enum err e = shade_thread_create(s, &d->shade, why);
+    enum err e = ingest_thread_start(d->ingest, why); /* beside it, the first frame */
 
+    if (!e)
+        e = shade_thread_create(s, &d->shade, why);
     if (!e)
         e = encode_thread_create(s, &d->encode, why);
     return e;
@@ -144,7 +146,7 @@ static enum err run(struct daemon *d, struct reason *why)
     enum err e = publisher_create(s->config.publish, s->config.publish_urls.count, &s->publisher, why);
 
     if (!e)
-        e = ingest_thread_start(d->ingest, why);
+        ingest_thread_go_on(d->ingest);
     if (!e)
         e = encode_thread_start(d->encode, why);
     if (!e)
