@@ -269,8 +269,8 @@ bool eye_paths_can_find(const struct scene *scene, const struct eye_paths_desc *
     return ((desc->classes | desc->behind_classes) & classes_in(scene)) != 0;
 }
 
-/* Whether light at lanes l and l + 1 is nearly the same but for their colours: points of one surface whose normals agree
- * within 8 degrees, in a plane within 6. */
+/* Whether light at lanes l and l + 1 is nearly the same but for their colours: points of one surface whose normals
+ * agree within 8 degrees, in a plane within 6. */
 static bool are_alike(const struct shade_packet *p, uint32_t l)
 {
     const uint32_t m = l + 1;

@@ -22,7 +22,7 @@ struct direct_counts {
     uint64_t rays, chosen, effective;
 };
 
-#define LIGHT_SETS_MAX 16 /* sets of light samples */
+#define LIGHT_SETS_MAX PACKET_SETS /* sets of light samples */
 
 struct direct_log;
 
@@ -44,11 +44,11 @@ struct direct_frame { /* common to all packets of a frame; borrowed */
     struct direct_log *log; /* records the samples of one packet (direct_log.h); may be NULL */
 };
 
-/* The set of light samples of packet p. Multiplying by 2^32 / phi spreads neighbours over the sets. */
+/* The set of light samples of packet p. */
 static inline const struct light_samples *direct_lights(const struct direct_frame *f, const struct shade_packet *p,
                                                         uint32_t index)
 {
-    return &f->lights[f->scatter ? (index * 2654435769u) >> 28 : f->set_of[p->sample_set]];
+    return &f->lights[f->scatter ? packet_set(index) : f->set_of[p->sample_set]];
 }
 
 struct kernels {

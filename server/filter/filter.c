@@ -265,55 +265,48 @@ static float filtered_share(const float half[2][3], const float light[3], float 
 
 /* Writes point i's light from the filtered halves. pixel: the one that shows it. */
 static void take_point(const struct filter *f, const struct points *from, size_t i, uint32_t pixel, float times,
-                       float light[3], float apart[3])
+                       float light[3])
 {
     for (int c = 0; c < 3; c++) {
         const float a = from->light[(size_t)c * from->count + i], b = from->light[(size_t)(3 + c) * from->count + i];
         light[c] = without_speck(f, pixel, c, times, a, b);
-        apart[c] = 0.5f * (a - b);
     }
 }
 
-static void put_point(const struct filter *f, uint32_t point, const float light[3], const float apart[3],
-                      const struct filter_result *to)
+static void put_point(const struct filter *f, uint32_t point, const float light[3], float *to)
 {
-    for (int c = 0; c < 3; c++) {
-        const float r = reflectance(&f->g->packets[point / PACKET], c, point % PACKET);
-        to->light[at(point, c)] = r * light[c];
-        if (to->apart)
-            to->apart[at(point, c)] = r * apart[c];
-    }
+    for (int c = 0; c < 3; c++)
+        to[at(point, c)] = reflectance(&f->g->packets[point / PACKET], c, point % PACKET) * light[c];
 }
 
-static void take_image(const struct filter *f, const float *const half[2], const struct filter_result *to)
+static void take_image(const struct filter *f, const float *const half[2], float *to)
 {
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < f->image.count; i++) {
         const uint32_t point = f->image_point[i], pixel = (uint32_t)(i / f->pitch * f->g->width + i % f->pitch);
-        float light[3], apart[3], own[2][3];
+        float light[3], own[2][3];
         if (point == NOWHERE)
             continue;
-        take_point(f, &f->image, i, pixel, 1.0f, light, apart);
+        take_point(f, &f->image, i, pixel, 1.0f, light);
         for (int k = 0; k < 6; k++)
             own[k / 3][k % 3] =
                 half[k / 3][at(point, k % 3)] / reflectance(&f->g->packets[point / PACKET], k % 3, point % PACKET);
         const float w = filtered_share(own, light, f->first[i]);
         for (int c = 0; c < 3 && w < 1.0f; c++) {
-            const float mean = 0.5f * (own[0][c] + own[1][c]), off = 0.5f * (own[0][c] - own[1][c]);
+            const float mean = 0.5f * (own[0][c] + own[1][c]);
             light[c] = mean + w * (light[c] - mean);
-            apart[c] = off + w * (apart[c] - off);
         }
-        put_point(f, point, light, apart, to);
+        put_point(f, point, light, to);
     }
 }
 
-static void take_rest(const struct filter *f, const struct filter_result *to)
+static void take_rest(const struct filter *f, float *to)
 {
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < f->rest.count; i++) {
-        float light[3], apart[3];
-        take_point(f, &f->rest, i, f->rest_pixel[i], REST_CLAMP, light, apart);
-        put_point(f, f->rest_point[i], light, apart, to);
+        float light[3];
+        take_point(f, &f->rest, i, f->rest_pixel[i], REST_CLAMP, light);
+        put_point(f, f->rest_point[i], light, to);
     }
 }
 
@@ -381,7 +374,7 @@ static void turn(struct points *p)
     p->next = old;
 }
 
-void filter_run(struct filter *f, const float *const half[2], const struct filter_result *to)
+void filter_run(struct filter *f, const float *const half[2], float *to)
 {
     const size_t count = f->image.count;
 

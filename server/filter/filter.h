@@ -27,18 +27,14 @@
 
 struct filter;
 
-struct filter_result { /* float[packet_count][3][16], as direct_shade writes them; not the halves */
-    float *light;      /* the filtered mean */
-    float *apart; /* half the difference of both filtered halves: its noise, as far as it is seen; NULL: not wanted */
-};
-
 /* g and v, its camera's view, must outlive the filter. level: the CPU level (base/cpu.h); NULL: the best. Needs 96
  * bytes per pixel, and the same for each additional shade point. NULL when out of memory. */
 struct filter *filter_create(const struct gbuffer *g, const struct view *v, const char *level);
 void filter_destroy(struct filter *f); /* NULL is allowed */
 
-/* Filters two independent estimates with the same expectation, each in the layout of the result. Runs on all OpenMP
- * threads; the bits do not depend on their number. Thread: one at a time. */
-void filter_run(struct filter *f, const float *const half[2], const struct filter_result *to);
+/* Writes the filtered mean of two independent estimates with the same expectation to `to`; all
+ * float[packet_count][3][16], as direct_shade writes them, `to` none of the halves. Runs on all OpenMP threads; the
+ * bits do not depend on their number. Thread: one at a time. */
+void filter_run(struct filter *f, const float *const half[2], float *to);
 
 #endif

@@ -39,7 +39,7 @@ float *denoiser_half(struct denoiser *d, int k)
     return d->half[k];
 }
 
-void denoiser_filter(struct denoiser *d, const float *const half[2], float *lo, float *apart)
+void denoiser_filter(struct denoiser *d, const float *const half[2], float *lo)
 {
-    filter_run(d->filter, half, &(struct filter_result){ lo, apart });
+    filter_run(d->filter, half, lo);
 }

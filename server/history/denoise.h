@@ -17,8 +17,8 @@ void denoiser_destroy(struct denoiser *d); /* NULL is allowed */
 /* The buffer for half k, 0 or 1, of the light: float[packet_count][3][16]. Owned by d. */
 float *denoiser_half(struct denoiser *d, int k);
 
-/* Writes the filtered mean of two halves, d's own or others, to lo, and half the difference of the filtered halves to
- * apart, unless it is NULL; all float[packet_count][3][16], none of them a half. */
-void denoiser_filter(struct denoiser *d, const float *const half[2], float *lo, float *apart);
+/* Writes the filtered mean of two halves, d's own or others, to lo; all float[packet_count][3][16]. lo is none of the
+ * halves. */
+void denoiser_filter(struct denoiser *d, const float *const half[2], float *lo);
 
 #endif

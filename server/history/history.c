@@ -29,7 +29,6 @@ struct history {
     float *shown;             /* P, changed with C */
     float *target;            /* what it moves to: the filter's output, likewise */
     const float *filtered[2]; /* the filtered halves; NULL: none in this picture */
-    float *apart;             /* half the difference of the filtered halves, without a cache */
     struct stated *stated;
     float *final; /* [packets], as what follows */
     float *count; /* n; 0: nothing is known, and B is C */
@@ -60,7 +59,6 @@ struct history *history_create(const struct gbuffer *g, struct denoiser *denoise
     h->cache = mem_alloc(packets, FLOATS * sizeof(float));
     h->shown = mem_alloc(packets, FLOATS * sizeof(float));
     h->target = mem_alloc(packets, FLOATS * sizeof(float));
-    h->apart = mem_alloc(packets, FLOATS * sizeof(float));
     h->stated = stated_create(g);
     h->final = mem_alloc(packets, sizeof(*h->final));
     h->count = mem_alloc(packets, sizeof(*h->count));
@@ -68,8 +66,8 @@ struct history *history_create(const struct gbuffer *g, struct denoiser *denoise
     h->groups = mem_alloc(group_count(h), sizeof(*h->groups));
     h->due_index = mem_alloc(packets, sizeof(*h->due_index));
     h->beyond_index = mem_alloc(packets, sizeof(*h->beyond_index));
-    if (!h->half[0] || !h->half[1] || !h->cache || !h->shown || !h->target || !h->apart || !h->stated || !h->final ||
-        !h->count || !h->changed || !h->groups || !h->due_index || !h->beyond_index) {
+    if (!h->half[0] || !h->half[1] || !h->cache || !h->shown || !h->target || !h->stated || !h->final || !h->count ||
+        !h->changed || !h->groups || !h->due_index || !h->beyond_index) {
         history_destroy(h);
         return NULL;
     }
@@ -85,7 +83,6 @@ void history_destroy(struct history *h)
     mem_free(h->cache);
     mem_free(h->shown);
     mem_free(h->target);
-    mem_free(h->apart);
     stated_destroy(h->stated);
     mem_free(h->final);
     mem_free(h->count);
@@ -316,7 +313,7 @@ void history_show(struct history *h, const float *const more[2], float *lo)
     if (more)
         add_more(h, more);
     if (!h->followed || (h->turn + 1) % HISTORY_TURNS == 0)
-        denoiser_filter(h->denoiser, h->filtered, h->target, h->followed ? NULL : h->apart);
+        denoiser_filter(h->denoiser, h->filtered, h->target);
     const float step = h->followed && !h->moved ? 1.0f / (float)(HISTORY_TURNS - (h->turn + 1) % HISTORY_TURNS) : 1.0f;
 #pragma omp parallel for schedule(static)
     for (uint32_t i = 0; i < h->packets; i++) {
@@ -337,6 +334,6 @@ double history_error(struct history *h, const float *rgb)
     h->filtered[0] = h->filtered[1] = NULL;
     if (h->followed || !half[0])
         return 0.0;
-    stated_see(h->stated, rgb, &(struct stated_light){ h->shown, { half[0], half[1] }, h->apart });
+    stated_see(h->stated, rgb, &(struct stated_light){ h->shown, { half[0], half[1] } });
     return stated_error(h->stated);
 }

@@ -28,7 +28,7 @@
 
 struct history;
 
-/* Needs 74 bytes per shade point and 12 per pixel. g and denoiser, whose halves take the samples, must outlive it.
+/* Needs 63 bytes per shade point and 28 per pixel. g and denoiser, whose halves take the samples, must outlive it.
  * NULL when out of memory. */
 struct history *history_create(const struct gbuffer *g, struct denoiser *denoiser);
 void history_destroy(struct history *h); /* NULL is allowed */

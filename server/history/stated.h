@@ -12,29 +12,33 @@
  *     x = h + w (P - h),     w = 4 noise / (P - h)^2
  *
  * h is the halves' mean, and the noise that of 3 x 3 pixels. A pixel that is too dark by chance would count too much,
- * so x is at least a quarter of the mean over 3 x 3 pixels. A measured factor (STATED_PER) makes up for the rest.
+ * so x is at least a quarter of the mean over 3 x 3 pixels.
  *
- * M tells of the picture before, with much noise. The noise V of any picture, from its two filtered halves, has little.
- * Error and noise fall together, so a picture's error is its V times the ratio of the measurements so far, m and v,
- * and of the ratio expected of any scene, R +- d, each by its certainty:
+ * Packets of one set (packet_set) have the same light samples, which tint them alike in each half: the product of two
+ * tints is no error, but it is the same in a sixteenth of the picture. So a half loses what the points of its set and
+ * of one of six directions of the normal have in common, beyond those of all sets with that direction. What is left of
+ * such noise shows in the means over each set, whose scatter gives the variance of M.
  *
- *     E = V max(1, (d^2 m v + R var(m)) / (d^2 v^2 + var(m))),    m = sum(q M),    v = sum(q V),    q = KEPT^age
+ * M tells of the picture before, with much noise. Picture k of a still sky has 2 k - 1 times the samples of the first
+ * half picture, and its error falls with that number to the power STATED_FALL. So all measurements, the j-th of picture
+ * j, estimate one constant, and picture k's error is
  *
- * The estimate excludes light that the samples cannot find, such as light beyond a limit (light/beside.h). One thread
- * of control. */
+ *     E = (2 k - 1)^-FALL  sum(q M_j (2 j - 1)^FALL) / sum(q),     q = KEPT^age
+ *
+ * A picture whose E has a standard error above STATED_DOUBT E states nothing. The estimate excludes light that the
+ * samples cannot find, such as light beyond a limit (light/beside.h). One thread of control. */
 #ifndef HISTORY_STATED_H
 #define HISTORY_STATED_H
 
 #include "scene/gbuffer.h"
 
 /* docs/internals/decisions.md has the figures. */
-#define STATED_PER 1.2       /* true over measured M */
-#define STATED_RATIO 6.0     /* R: error over noise, and */
-#define STATED_RATIO_OFF 5.0 /* d: its standard deviation between scenes and skies */
+#define STATED_FALL 0.6
+#define STATED_DOUBT 0.25
 
 struct stated;
 
-/* Needs 28 bytes per pixel; g must outlive it. NULL when out of memory. */
+/* Needs 28 bytes per pixel and 1 per shade point; g must outlive it. NULL when out of memory. */
 struct stated *stated_create(const struct gbuffer *g);
 void stated_destroy(struct stated *s); /* NULL is allowed */
 
@@ -43,7 +47,6 @@ void stated_forget(struct stated *s);
 
 struct stated_light {             /* all float[packet_count][3][16] */
     const float *shown, *half[2]; /* P and what was filtered for it */
-    const float *apart;           /* half the difference of the filtered halves */
 };
 
 /* Takes the displayed picture: float[height][width][3], P and other light. */

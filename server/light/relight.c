@@ -327,7 +327,7 @@ static void filter_halves(struct relighter *r, const struct picture_passes *p)
         history_add(p->history, NULL, NULL);
         history_show(p->history, NULL, r->passes.lo);
     } else {
-        denoiser_filter(r->denoiser, half, r->passes.lo, NULL);
+        denoiser_filter(r->denoiser, half, r->passes.lo);
     }
 }
 

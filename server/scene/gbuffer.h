@@ -39,6 +39,14 @@ struct shade_packet { /* 16 shading points; lanes >= count repeat the last one a
 void shade_packet_put(struct shade_packet *to, uint32_t at, const struct shade_packet *from, uint32_t lane,
                       int32_t valid);
 
+/* Neighbouring packets can use different light samples: packet `index` is in one of so many sets. Multiplying by
+ * 2^32 / phi spreads neighbours over them. */
+#define PACKET_SETS 16
+static inline uint32_t packet_set(uint32_t index)
+{
+    return (index * 2654435769u) >> 28;
+}
+
 /* A subset of a G-buffer's packets, by index, without duplicates. */
 struct packet_list {
     const uint32_t *index;

@@ -237,7 +237,7 @@ static enum err run(struct rig *r, uint32_t paths, uint64_t seed)
             r->lo[i] = 0.5f * (r->half[0][i] + r->half[1][i]);
         show(r, "none", made - start);
         const double before = processor_s();
-        filter_run(f, (const float *const[]){ r->half[0], r->half[1] }, &(struct filter_result){ r->lo, NULL });
+        filter_run(f, (const float *const[]){ r->half[0], r->half[1] }, r->lo);
         show(r, "a-trous", processor_s() - before);
         const double between = processor_s();
         non_local_means(r);

@@ -154,6 +154,37 @@ static void await_refusals(uint64_t n)
     assert_true(fake_figures().refused >= n);
 }
 
+static void await_frames(uint64_t n)
+{
+    for (int i = 0; i < 2000 && fake_figures().received < n; i++)
+        nanosleep(&(struct timespec){ .tv_nsec = 5000000 }, NULL);
+    assert_true(fake_figures().received >= n);
+}
+
+/* While the scene loads, a source's first frame is read, but no other, and nothing is said about it. */
+static void the_first_frame_is_read_before_the_scene(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--source", "sky:size=64x32,speed=1", "--rate", "200", NULL };
+    struct ingest_thread *t;
+    struct reason why;
+    struct rig r;
+
+    rig_begin(&r, flags);
+    assert_int_equal(ingest_thread_create(&r.shared, &t, &why), ERR_OK);
+    assert_int_equal(ingest_thread_start(t, &why), ERR_OK);
+    await_frames(1);
+    nanosleep(&(struct timespec){ .tv_nsec = 100000000 }, NULL); /* for twenty frames, were they read */
+    assert_int_equal(fake_figures().received, 1);
+    assert_int_not_equal(fake_figures().source, SERVER_LIVE);
+    ingest_thread_go_on(t);
+    await_frames(2);
+    assert_int_equal(fake_figures().source, SERVER_LIVE);
+    shared_close(&r.shared);
+    ingest_thread_destroy(t);
+    rig_end(&r);
+}
+
 /* A source of one bad file is read again and again, but the log has one line about it. */
 static void an_ingest_error_is_reported_once(void **state)
 {
@@ -174,6 +205,7 @@ static void an_ingest_error_is_reported_once(void **state)
     log_counts(&before);
     assert_int_equal(ingest_thread_create(&r.shared, &t, &why), ERR_OK);
     assert_int_equal(ingest_thread_start(t, &why), ERR_OK);
+    ingest_thread_go_on(t);
     await_refusals(4);
     const struct server_figures f = fake_figures();
     shared_close(&r.shared);
@@ -235,6 +267,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(refinement_does_not_step_exposure),
     cmocka_unit_test(renditions_are_made_as_asked),
     cmocka_unit_test(auto_exposure_keeps_its_first_value),
+    cmocka_unit_test(the_first_frame_is_read_before_the_scene),
     cmocka_unit_test(an_ingest_error_is_reported_once),
     cmocka_unit_test(status_figures_add_up),
 };

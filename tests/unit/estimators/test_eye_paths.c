@@ -398,9 +398,8 @@ static void pairs_share_paths(void **state)
     assert_true(of[0] && of[1]);
     for (uint64_t pass = 0; pass < SEEDS; pass++)
         for (int pairs = 0; pairs < 2; pairs++) {
-            const struct eye_paths_desc desc = {
-                PATH_ALL, PATH_ALL, .paths = 64, .pairs = pairs, .seed = pass / 2, .pass = pass
-            };
+            const struct eye_paths_desc desc = { PATH_ALL,       PATH_ALL,         .paths = 64,
+                                                 .pairs = pairs, .seed = pass / 2, .pass = pass };
             struct eye_paths_stats stats;
             clear(&x);
             assert_int_equal(eye_paths_shade(x.scene, x.rays, x.gbuffer, e, &desc, x.lo, &stats), ERR_OK);

@@ -77,7 +77,7 @@ static void run(struct wall *w, const char *level)
     struct filter *f = filter_create(&w->g, &w->view, level);
 
     assert_non_null(f);
-    filter_run(f, (const float *const[]){ w->half[0], w->half[1] }, &(struct filter_result){ w->out, NULL });
+    filter_run(f, (const float *const[]){ w->half[0], w->half[1] }, w->out);
     filter_destroy(f);
 }
 
