@@ -71,7 +71,7 @@ static void a_cancelled_picture_states_no_error(void **state)
     history_begin(r.history, 1);
     assert_true(history_error(r.history, rgb) == 0.0);
     for (int i = 0; i < 3; i++) {
-        picture(&r, -1.0f, 0.4f + 0.1f * (float)i, 0.8f);
+        picture(&r, -1.0f, 0.4f + 0.1f * (float)i, 0.01f);
         error = history_error(r.history, rgb);
     }
     assert_true(error > 0.0);
