@@ -71,9 +71,11 @@ def silent(tokens):
         elif text in ("enum", "struct", "union"):
             brace = i + 1 + (tokens[i + 1].kind == "id")
             end = matching(tokens, brace) if tokens[brace].text == "{" else i
-        elif text == "[" and i > 1 and tokens[i - 1].kind == "id" and (tokens[i - 2].kind == "id" or tokens[i - 2].text == "*") \
-                and tokens[i - 2].text not in WORDS:
-            end = matching(tokens, i)  # how many elements a declaration has
+        elif text == "[" and i > 1 and (tokens[i - 1].kind == "id" and (tokens[i - 2].kind == "id" or tokens[i - 2].text == "*")
+                                        and tokens[i - 2].text not in WORDS or tokens[i - 2].text + tokens[i - 1].text == "*)"):
+            end = matching(tokens, i)  # how many elements a declaration or a cast has
+            while end + 1 < len(tokens) and tokens[end + 1].text == "[":
+                end = matching(tokens, end + 1)
         depth += (text == "{" and end == i) - (text == "}" and end == i)
         if end > i or depth == 0:
             out.update(range(i, end + 1))

@@ -1,9 +1,9 @@
 """mutate.py [ROOM...] [--seed N] [--count N] [--seconds N] [--least PERCENT] [--planted] [--list]
 
-Makes COUNT small faults (mutants.py) in the C sources of each room, one at a time, and runs the unit tests that link what was
-changed: those of the room first, the cheapest first, until one fails. Prints the faults that none noticed, with file, line
-and difference, and a table of all rooms. A fault that does not compile does not count; nor does one that equivalent.txt
-explains. Builds in build/mutate, a copy of the tree, which is kept for the next run.
+Makes COUNT small faults (mutants.py) in the C sources of each room, one at a time, and runs the unit tests of that room which
+link what was changed, the cheapest first, until one fails. Prints the faults that none noticed, with file, line and
+difference, and a table of all rooms. A fault that does not compile does not count; nor does one that equivalent.txt explains.
+Builds these tests alone, in build/mutate, a copy of the tree, which is kept for the next run.
 
 ROOM        a folder of server/, or `protocol` or `decoders`; without: all of the table below
 --seed N    which faults are drawn (1); the same seed draws the same faults of lines that have not changed
@@ -57,10 +57,12 @@ def copy_tree():
 def configure():
     os.environ.update(CCACHE_BASEDIR=str(TREE), CCACHE_NOHASHDIR="1")
     launcher = ["-DCMAKE_C_COMPILER_LAUNCHER=ccache"] if shutil.which("ccache") else []
-    made = run(["cmake", "-S", TREE, "-B", BUILD, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release", "-Wno-dev", *launcher])
-    made = made if made.returncode else run(["ninja", "-C", BUILD])  # ctest lists programs that are there
-    if made.returncode:
-        print(f"{made.stdout}\nthe tree does not build in {BUILD}")
+    must(run(["cmake", "-S", TREE, "-B", BUILD, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release", "-Wno-dev", *launcher]))
+
+
+def must(done):
+    if done.returncode:
+        print(f"{done.stdout}\nthe tree does not build in {BUILD}")
         sys.exit(2)
 
 
@@ -86,9 +88,19 @@ class Claim:
         return done in (0, 77)
 
 
-def claims_there():
-    listed = json.loads(run(["ctest", "--test-dir", BUILD, "--show-only=json-v1"]).stdout)["tests"]
-    return [Claim(t) for t in listed if "command" in t and Path(t["command"][0]).name.startswith(("test_", "replay_"))]
+def program_of(test):
+    """room.test_file.claim -> the program's path."""
+    room, file, _ = test["name"].split(".", 2)
+    return f"bin/test_{room}_{file}"
+
+
+def claims_of(rooms):
+    """The unit tests of these rooms, whose programs are built: ctest knows the commands of those that are there."""
+    def listed():
+        tests = json.loads(run(["ctest", "--test-dir", BUILD, "--show-only=json-v1"]).stdout)["tests"]
+        return [t for t in tests if t["name"].split(".")[0] in rooms and t["name"].count(".") == 2 and ".test_" in t["name"]]
+    must(build(*sorted({program_of(t) for t in listed()})))
+    return [Claim(t) for t in listed()]
 
 
 def build(*targets):
@@ -102,22 +114,22 @@ def inputs_of(claims):
 
 
 class Suite:
-    def __init__(self):
-        self.claims = claims_there()
+    """The unit tests of a room."""
+
+    def __init__(self, room):
+        self.claims = claims_of(TESTS.get(room, [room]))
         self.inputs = inputs_of(self.claims)
 
-    def order(self, room, path, seconds):
-        """The claims that could notice a fault in `path`, within the seconds: of the room's own tests and of others."""
-        own = TESTS.get(room, [room])
+    def order(self, path, seconds):
+        """The claims that could notice a fault in `path`, within the seconds."""
         source = (TREE / path).resolve()
-        chosen = [c for c in self.claims if c.room in own or c.room == "fuzz"] if path.suffix == ".h" else self.claims
-        linked = [c for c in chosen if c.usable is not False and (path.suffix == ".h" or source in self.inputs[c.program])]
+        linked = [c for c in self.claims if c.usable is not False and (path.suffix == ".h" or source in self.inputs[c.program])]
         total = {}
         for c in linked:
             total[c.program] = total.get(c.program, 0.0) + c.cost
         out = []
-        other = {c.program: f"test_{c.room}_test_{path.stem}" not in c.program for c in linked}  # than of the file's own name
-        for c in sorted(linked, key=lambda c: (c.room not in own, c.cost > 1.0, other[c.program], total[c.program], c.program, c.cost, c.name)):
+        other = {c.program: f"_test_{path.stem}" not in c.program for c in linked}  # than of the file's own name
+        for c in sorted(linked, key=lambda c: (c.cost > 1.0, other[c.program], total[c.program], c.program, c.cost, c.name)):
             if c.cost <= seconds:
                 out.append(c)
                 seconds -= c.cost
@@ -137,22 +149,24 @@ class Suite:
 
     def noticed(self, path, mutant, claims):
         """The first claim that fails with the fault and passes without it, "" if there is none, None if it does not compile."""
-        source, built, at = (TREE / path).read_text(encoding="utf-8"), set(), 0
+        source, at = (TREE / path).read_text(encoding="utf-8"), 0
         while at < len(claims):
-            failed = None
+            failed, first, rest = None, claims[at].program, False
             (TREE / path).write_text(mutants.applied(source, mutant), encoding="utf-8")
             try:
+                if build(first).returncode:
+                    return None
                 while at < len(claims) and failed is None:
                     c, at = claims[at], at + 1
-                    if c.program not in built and build(c.program).returncode:
-                        return None
-                    built.add(c.program)
+                    if c.program != first and not rest:  # all at once, once the first has not noticed it
+                        if build(*sorted({k.program for k in claims[at - 1:]})).returncode:
+                            return None
+                        rest = True
                     failed = None if c.usable is False or c.passes() else c
             finally:
                 (TREE / path).write_text(source, encoding="utf-8")
             if failed and self.usable(failed):
                 return failed.name
-            built = set()
         return ""
 
 
@@ -196,7 +210,7 @@ def run_room(suite, room, a):
         if (str(path), before, after) in known:
             tally["explained"] += 1
             continue
-        by = suite.noticed(path, mutant, suite.order(room, path, a.seconds or SECONDS.get(room, 20.0)))
+        by = suite.noticed(path, mutant, suite.order(path, a.seconds or SECONDS.get(room, 20.0)))
         tally["invalid" if by is None else "killed" if by else "survived"] += 1
         if by == "":
             print(f"{path}:{number}: {mutant.what} was not noticed\n    - {before}\n    + {after}", flush=True)
@@ -205,10 +219,10 @@ def run_room(suite, room, a):
     return tally
 
 
-def planted(suite):
+def planted():
     """Faults by name: `name`, `path`, `- part of the source`, `+ what is in its place`; -> how many were not noticed."""
     lines = (Path(__file__).with_name("planted.txt")).read_text(encoding="utf-8").split("\n")
-    missed = 0
+    missed, suites = 0, {}
     for i, line in enumerate(lines[:-3]):
         if not lines[i + 1].startswith(("server/", "protocol/")):
             continue
@@ -219,7 +233,8 @@ def planted(suite):
             missed += 1
             continue
         at, room = source.index(old), path.parts[1]
-        claims = [c for c in suite.order(room, path, 1e9) if c.room == room and c.cost < 5.0]
+        suite = suites[room] = suites.get(room) or Suite(room)
+        claims = [c for c in suite.order(path, 1e9) if c.cost < 5.0]
         by = suite.noticed(path, mutants.Mutant(at, at + len(old), new, line), claims)
         print(f"{line}: {'does not compile' if by is None else 'noticed by ' + by if by else 'NOT NOTICED'}", flush=True)
         missed += not by
@@ -248,12 +263,11 @@ def main():
     copy_tree()
     if not a.list:
         configure()
-    suite = None if a.list else Suite()
     if a.planted:
-        sys.exit(1 if planted(suite) else 0)
+        sys.exit(1 if planted() else 0)
     rows, low = [], False
     for room in a.rooms:
-        t = run_room(suite, room, a)
+        t = run_room(None if a.list else Suite(room), room, a)
         made = t["killed"] + t["survived"]
         rate = 100.0 * t["killed"] / made if made else 100.0
         low = low or rate < (TARGETS.get(room, 90) if a.least is None else a.least)

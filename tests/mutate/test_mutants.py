@@ -7,6 +7,7 @@ import mutants
 SOURCE = """
 #define SIZE (3 + 4)
 static int table[9 + 1]; /* 1 + 2 */
+static int rows[2][3 + 4] = { { 0 } };
 enum { A = 2 };
 static float scaled(const float *x, int n)
 {
@@ -16,6 +17,7 @@ static float scaled(const float *x, int n)
         sum += x[i] * 2e-3f;
     mem_free(x);
     report("1 + 1 < 3", n);
+    take((const float(*)[3])x, n);
     return fminf(sum, 0x10);
 }
 """
@@ -27,7 +29,7 @@ def lines_changed(source):
 
 def nothing_but_code_is_changed():
     found = lines_changed(SOURCE)
-    assert {line for _, line, _, _ in found} == {7, 9, 10, 12, 13}, found
+    assert {line for _, line, _, _ in found} == {4, 8, 10, 11, 13, 14, 15}, found
     assert not any('"1 - 1' in after or "5 <=" in after for _, _, _, after in found), found
 
 
