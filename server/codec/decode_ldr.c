@@ -42,7 +42,7 @@ static enum err begin(struct image *im, uint64_t width, uint64_t height, const c
 
 enum err decode_jpeg(const uint8_t *bytes, size_t size, const char *name, struct image *im, struct reason *why)
 {
-    int width = 0, height = 0, subsampling, colours; /* not set where a file ends before its picture */
+    int width = 0, height, subsampling, colours; /* all unset where a file ends before its picture */
     uint8_t *codes = NULL;
     enum err e;
 
@@ -53,7 +53,7 @@ enum err decode_jpeg(const uint8_t *bytes, size_t size, const char *name, struct
         e = err_say(why, ERR_FORMAT, "%s: JPEG: %s", name, tjGetErrorStr2(tj));
         goto done;
     }
-    if (width < 1 || height < 1) {
+    if (width == 0) {
         e = err_say(why, ERR_FORMAT, "%s: JPEG: it holds no picture", name);
         goto done;
     }

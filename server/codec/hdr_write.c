@@ -27,7 +27,7 @@ static void encode_texel(const float rgb[3], uint8_t out[4])
         return;
     (void)frexpf(most, &exponent);
     /* Of (255 + 1/2) / 512 and (128 + 1/2) / 256 the nearer one: an exact power of two lies between them. */
-    exponent -= ldexpf(most, 8 - exponent) < 128.125f && exponent > -BIAS + 1;
+    exponent -= ldexpf(most, 8 - exponent) < 128.125f; /* at least -107, by the threshold */
     exponent = exponent > 255 - BIAS ? 255 - BIAS : exponent;
     for (int c = 0; c < 3; c++) {
         const float m = rgb[c] > 0.0f ? ldexpf(rgb[c], 8 - exponent) : 0.0f;

@@ -78,6 +78,8 @@ static void one_direction_at_a_time_is_as_sixteen(void **state)
             lobes_set_up(&p, &s);
             lobes_sample(&s, &p, square, d);
             for (int l = 0; l < PACKET; l++) {
+                const float length = d[0].v[l] * d[0].v[l] + d[1].v[l] * d[1].v[l] + d[2].v[l] * d[2].v[l];
+                assert_true(fabsf(length - 1.0f) < 2e-3f); /* or the frame of its normal is none */
                 const double x[3] = { rng_next(&r), rng_next(&r), rng_next(&r) };
                 wi[l] = trial % 3 == 0   ? random_direction(&r)
                         : trial % 3 == 1 ? lobe_sample(&lobe[l], wo[l], x)
@@ -231,7 +233,32 @@ static void samples_follow_the_density(void **state)
         }
 }
 
+/* What is reflected at most, in the brightest colour: F rises to 1 towards grazing; a matte part is there from
+ * anywhere. */
+static void the_albedo_for_plans_follows_fresnel(void **state)
+{
+    struct lobe l = { .kind = LOBE_GGX, .shading = { 0, 0, 1 }, .geometric = { 0, 0, 1 }, .gloss = 0.1f };
+    const struct vec3 up = { 0, 0, 1 }, half = { sqrtf(0.75f), 0, 0.5f }, along = { 1, 0, 0 }, below = { 0, 0, -1 };
+    (void)state;
+
+    l.specular = vec3_make(0.04f, 0.02f, 0.03f);
+    assert_float_equal(lobe_albedo(&l, up), 0.04, 1e-6);
+    assert_float_equal(lobe_albedo(&l, half), 0.04 + 0.96 / 32.0, 1e-6);
+    assert_float_equal(lobe_albedo(&l, along), 1.0, 1e-6);
+    assert_float_equal(lobe_albedo(&l, below), 1.0, 1e-6);
+    l.diffuse = vec3_make(0.1f, 0.5f, 0.2f);
+    assert_float_equal(lobe_albedo(&l, up), 0.52, 1e-6);
+    assert_float_equal(lobe_albedo(&l, half), 0.52, 1e-6);
+    l.diffuse = vec3_make(0.6f, 0.1f, 0.2f);
+    assert_float_equal(lobe_albedo(&l, up), 0.64, 1e-6);
+    l.diffuse = vec3_make(0.1f, 0.1f, 0.7f);
+    assert_float_equal(lobe_albedo(&l, up), 0.73, 1e-6);
+    l.kind = LOBE_PHONG;
+    assert_float_equal(lobe_albedo(&l, along), 0.73, 1e-6);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(the_albedo_for_plans_follows_fresnel),
     cmocka_unit_test(one_direction_at_a_time_is_as_sixteen),
     cmocka_unit_test(albedo_by_samples_is_that_of_quadrature),
     cmocka_unit_test(samples_follow_the_density),

@@ -1,9 +1,12 @@
 /* DWA chunks: against files by the library that defines them, and built by hand with known coefficients. */
+#define _GNU_SOURCE
 #include "codec/decoding.h"
 
 #include "codec/dwa/dwa.h"
 #include "codec/dwa_files.h"
 
+#include <sys/mman.h>
+#include <unistd.h>
 #include <zlib.h>
 
 #define SIDE 8
@@ -330,6 +333,39 @@ static void huffman_codes_are_canonical_and_repeat(void **state)
             fail_msg("'%s' is taken", bad[i]);
 }
 
+/* Lengths of 1 to 13 and twice 14, so that codes are both in the table of the first bits and beyond it; the last symbol
+ * repeats. Symbols 13, 12, 0, 5 and 11. */
+static void long_huffman_codes_are_read(void **state)
+{
+    static const char bits[] =
+        "000001 000010 000011 000100 000101 000110 000111 001000 001001 001010 001011 001100 001101 "
+        "001110 001110 000000 00000000000000 0000000000001 1 000001 000000000001";
+    uint8_t block[64];
+    uint16_t got[5];
+    (void)state;
+
+    const char *fault = dwa_huffman(block, huffman_block(14, bits, block), got, 5);
+    if (fault)
+        fail_msg("%s", fault);
+    assert_memory_equal(got, ((uint16_t[]){ 13, 12, 0, 5, 11 }), sizeof(got));
+}
+
+/* A block that ends where memory does. */
+static void huffman_codes_are_not_read_beyond_their_end(void **state)
+{
+    static const char good[] = "000010 111011 000010 000001  01 1 00000011 00 1 00000000 01  000";
+    const size_t page = (size_t)sysconf(_SC_PAGESIZE);
+    uint8_t block[64], *pages = mmap(NULL, 2 * page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    uint16_t got[6];
+    (void)state;
+
+    assert_true(pages != MAP_FAILED && mprotect(pages + page, page, PROT_NONE) == 0);
+    const size_t size = huffman_block(4, good, block);
+    memcpy(pages + page - size, block, size);
+    assert_null(dwa_huffman(pages + page - size, size, got, 6));
+    munmap(pages, 2 * page);
+}
+
 /* place: of the three channels in the file's list. */
 static void check_even(const uint8_t *bytes, size_t size, uint32_t width, uint32_t height, const int place[3])
 {
@@ -382,6 +418,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(heads_that_disagree_with_the_texels_are_refused),
     cmocka_unit_test(counts_that_disagree_with_the_texels_are_refused),
     cmocka_unit_test(huffman_codes_are_canonical_and_repeat),
+    cmocka_unit_test(long_huffman_codes_are_read),
+    cmocka_unit_test(huffman_codes_are_not_read_beyond_their_end),
     cmocka_unit_test(files_of_the_cxx_library_decode),
     cmocka_unit_test(files_cut_at_any_byte_are_refused),
     cmocka_unit_test(turned_bits_are_survived),

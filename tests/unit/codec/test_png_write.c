@@ -54,6 +54,27 @@ static void samples_come_back_bit_for_bit(void **state)
     }
 }
 
+/* Noise, whose file outgrows the first memory for it several times. */
+static void a_large_file_is_whole(void **state)
+{
+    enum { LARGE = 300 };
+    static uint16_t samples[4 * LARGE * LARGE], back[4 * LARGE * LARGE];
+    const struct png_desc d = { samples, LARGE, LARGE, true, true };
+    struct rng r = { 6 };
+    struct reason why = { "" };
+    uint8_t *bytes;
+    size_t size;
+    (void)state;
+
+    for (size_t i = 0; i < 4 * LARGE * LARGE; i++)
+        samples[i] = (uint16_t)(65536.0 * rng_next(&r));
+    assert_int_equal(png_encode(&d, &bytes, &size, &why), ERR_OK);
+    assert_true(size > sizeof(samples) * 9 / 10);
+    read_back(bytes, size, &d, back);
+    assert_memory_equal(back, samples, sizeof(samples));
+    mem_free(bytes);
+}
+
 static void sizes_that_png_lacks_are_refused(void **state)
 {
     const struct png_desc none = { NULL, 0, 5, false, false }, huge = { NULL, 5, 1u << 30, false, false };
@@ -70,6 +91,7 @@ static void sizes_that_png_lacks_are_refused(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(samples_come_back_bit_for_bit),
+    cmocka_unit_test(a_large_file_is_whole),
     cmocka_unit_test(sizes_that_png_lacks_are_refused),
 };
 

@@ -7,4 +7,6 @@ add_dependencies(test_decoder_test_decoder misbehaving_decoder relight-decoder)
 if(RELIGHT_VIDEO) # texels.c is part of relight-video alone
   unit_test(decoder test_texels PkgConfig::AVCODEC)
   target_sources(test_decoder_test_texels PRIVATE ${CMAKE_SOURCE_DIR}/server/decoder/texels.c)
+  unit_test(decoder test_video PkgConfig::AVCODEC PkgConfig::TURBOJPEG)
+  add_dependencies(test_decoder_test_video relight-video)
 endif()

@@ -104,7 +104,50 @@ static void what_is_no_page_is_refused_with_its_name(void **state)
     assert_non_null(strstr(program, "/bin/../share/relightd/web"));
 }
 
+static void a_page_has_limits_that_are_told(void **state)
+{
+    char name[32], dir[4096];
+    struct site s;
+    struct reason why;
+    (void)state;
+
+    put("index.html", "<p>start");
+    for (int i = 1; i < SITE_FILES_MAX; i++) {
+        snprintf(name, sizeof(name), "f%d.js", i);
+        put(name, "1;");
+    }
+    assert_int_equal(site_load(&s, folder, &why), ERR_OK);
+    assert_int_equal(s.count, SITE_FILES_MAX);
+    site_finish(&s);
+    put("more.js", "1;");
+    assert_int_equal(site_load(&s, folder, &why), ERR_RANGE);
+    snprintf(dir, sizeof(dir), "%s: more than %d files for the page", folder, SITE_FILES_MAX);
+    assert_string_equal(why.text, dir);
+}
+
+/* The folder's path as long as it may be with "/index.html" behind, and one letter longer. */
+static void a_path_may_be_as_long_as_the_system_allows(void **state)
+{
+    char dir[4096];
+    struct site s;
+    struct reason why;
+    (void)state;
+
+    put("index.html", "<p>start");
+    for (size_t length = 4095 - 11; length <= 4096 - 11; length++) {
+        size_t n = (size_t)snprintf(dir, sizeof(dir), "%s", folder);
+        while (n < length)
+            dir[n++] = '/';
+        dir[n] = '\0';
+        assert_int_equal(site_load(&s, dir, &why), length == 4095 - 11 ? ERR_OK : ERR_RANGE);
+        if (length == 4095 - 11)
+            site_finish(&s);
+    }
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test_setup_teardown(a_page_has_limits_that_are_told, make_folder, remove_folder),
+    cmocka_unit_test_setup_teardown(a_path_may_be_as_long_as_the_system_allows, make_folder, remove_folder),
     cmocka_unit_test_setup_teardown(files_have_their_address_kind_and_tag, make_folder, remove_folder),
     cmocka_unit_test_setup_teardown(what_is_no_page_is_refused_with_its_name, make_folder, remove_folder),
 };

@@ -132,9 +132,11 @@ static void addresses_that_a_proxy_names_share_a_limit(void **state)
     assert_true(visitor_may_guess(&g, late, 1));
     late->known = false;
     assert_false(visitor_may_guess(&g, late, 9 * SECOND / 10));
-    assert_true(visitor_may_guess(&g, late, 11 * SECOND / 10));
-    visitor_guessed_wrong(&g, late, 11 * SECOND / 10);
-    assert_false(visitor_may_guess(&g, late, 11 * SECOND / 10));
+    assert_true(visitor_may_guess(&g, late, 102 * SECOND / 100)); /* looking takes nothing */
+    visitor_guessed_wrong(&g, late, 102 * SECOND / 100);
+    assert_false(visitor_may_guess(&g, late, 102 * SECOND / 100));
+    assert_false(visitor_may_guess(&g, late, 199 * SECOND / 100));
+    assert_true(visitor_may_guess(&g, late, 201 * SECOND / 100)); /* the 0.02 left were kept */
     visitors_finish(&g);
 }
 
