@@ -1,11 +1,12 @@
 #!/bin/bash
-# Recomputes figures of the documentation from what the project ships: docs/reproduce.sh [--list | --all | CLAIM...]
-# Prints each claim, where it is made, the commit, the machine and the date, and then what was measured. RELIGHT_BIN: the folder
-# of the programs and tests (build/bin). Run it on an idle machine: some claims compare times.
-# Exit code: 0 all ran, 1 one failed, 2 wrong usage.
+# Recomputes figures of the documentation from what the project ships: docs/reproduce.sh [--list | [--write] --all | CLAIM...]
+# Prints each claim, where it is made, the commit, the machine and the date, and then what was measured and for how long;
+# --write also stores that in docs/internals/measured/CLAIM.txt, which the pages link to. RELIGHT_BIN: the folder of the programs
+# and tests (build/bin). Run it on an idle machine: some claims compare times. Exit code: 0 all ran, 1 one failed, 2 wrong usage.
 set -euo pipefail
 root="$(dirname "$(dirname "$(readlink -f "$0")")")"
 bin="${RELIGHT_BIN:-$root/build/bin}"
+measured="$root/docs/internals/measured"
 work="$(mktemp -d)"
 trap 'rm -rf "$work"' EXIT
 export RELIGHT_LONG=1 # unit tests draw all of their seeds
@@ -20,6 +21,7 @@ furnace | mathematics.md 16 | a white furnace is white by every method of direct
 vpl | mathematics.md 13 | the indirect light of virtual point lights over that of path tracing, six seeds
 photons | mathematics.md 13 | photons and virtual point lights within their bias
 materials | mathematics.md 8 | what white surfaces return, by roughness
+dh09 | speed-and-accuracy.md | path tracing, Metropolis sampling and light tracing under a sun of 1000, by time and by samples
 figure5 | mathematics.md 14 | relMSE times time of eye paths over the light tracer's, and the errors of path and mlt in equal time
 changes | transport-cache.md | processor time of a cached picture of which a tenth of the sky has changed, over a whole one's
 unbiased | transport-cache.md | what correcting the cache by random samples costs, and the bias that it removes
@@ -43,8 +45,8 @@ variance() { unit estimators_test_lpg13 a_single_sample_has_the_closed_form_vari
 furnace() { unit estimators_test_direct a_white_furnace_is_white_at_every_method; }
 photons() { unit estimators_test_baselines photons_bring_caustics point_lights_bring_interreflection; }
 materials() { unit brdf_test_lobes white_surfaces_return_nearly_everything_and_no_more; }
-figure5() { "$bin/figure5"; }
-changes() { "$bin/changes" --turns 15 2>"$work/log"; }
+figure5() { "$bin/figure5" --size 240x135 --runs 5 --seconds 2 --reference 400; }
+changes() { "$bin/changes" --turns 9 2>"$work/log"; }
 unbiased() {
     local scene
     for scene in "" "$root/docs/examples/steps.json"; do
@@ -67,7 +69,14 @@ lpg13() { # visibility is traced, which the paper leaves out
     done
 }
 
-stated() { RELIGHT_BIN="$bin" "$root/tests/figures/stated.py"; }
+dh09() { # the two rows of the figure: equal time, equal samples a pixel; both of all light
+    local figure=("$bin/figure5" --whole --size 160x90 --runs 3 --reference 200 --sky "$work/thousand.hdr")
+    /usr/bin/python3 -B "$root/docs/examples/proof.py" "$work"
+    "${figure[@]}" --seconds 2 | sed "s,$work/,,"
+    "${figure[@]}" --samples 50 | sed "s,$work/,,"
+}
+
+stated() { RELIGHT_BIN="$bin" "$root/tests/figures/stated.py" --seeds 4 --size 64x36 --reference 2048; }
 faults() { "$root/tests/mutate/run.sh" --planted; }
 
 vpl() {
@@ -85,12 +94,12 @@ vpl() {
 stamp() {
     local commit changed=""
     commit="$(git -C "$root" rev-parse --short HEAD 2>/dev/null || echo "no git")"
-    git -C "$root" diff --quiet HEAD 2>/dev/null || changed=", with changes"
+    git -C "$root" diff --quiet HEAD -- . ":!docs/internals/measured" 2>/dev/null || changed=", with changes"
     echo "commit $commit$changed; $(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -n 1), $(nproc) processors; $(date +%F)"
 }
 
 one() { # CLAIM
-    local row
+    local row begun=$SECONDS good=0
     row="$(claims | grep "^$1 |" || true)"
     if [[ -z $row ]]; then
         echo "there is no claim '$1'; docs/reproduce.sh --list names them" >&2
@@ -98,25 +107,39 @@ one() { # CLAIM
     fi
     echo "== $row"
     stamp
-    "$1" || { echo "$1 FAILED"; return 1; }
+    "$1" || { echo "$1 FAILED"; good=1; }
+    echo "($((SECONDS - begun)) s)"
+    return $good
 }
 
+# That each claim can be made: its function is here, and the unit tests that it names are in the tree.
+check() {
+    local claim program names name
+    while read -r claim _; do declare -F "$claim" >"$work/log" || { echo "$claim has no function"; exit 1; }; done < <(claims)
+    while read -r _ _ program names; do
+        for name in ${names%%;*}; do
+            grep -q "^static void $name(" "$root/tests/unit/${program/_test_//test_}.c" || { echo "$program has no $name"; exit 1; }
+        done
+    done < <(sed -n 's/^\([a-z0-9]*()\) { unit /\1 { /p' "$0")
+}
+
+write=""
+if [[ ${1:-} == --write ]]; then
+    write=1
+    shift
+fi
 case "${1:---list}" in
     --list) claims; exit 0 ;;
-    --check) # that each claim can be made: its function is here, and the unit tests that it names are in the tree
-        while read -r claim _; do declare -F "$claim" >"$work/log" || { echo "$claim has no function"; exit 1; }; done < <(claims)
-        while read -r _ _ program names; do
-            for name in ${names%%;*}; do
-                grep -q "^static void $name(" "$root/tests/unit/${program/_test_//test_}.c" || { echo "$program has no $name"; exit 1; }
-            done
-        done < <(sed -n 's/^\([a-z0-9]*()\) { unit /\1 { /p' "$0")
-        exit 0 ;;
+    --check) check; exit 0 ;;
     --all) mapfile -t wanted < <(claims | cut -d ' ' -f 1) ;;
     -*) sed -n 's/^# //p' "$0" | head -n 4; exit 2 ;;
     *) wanted=("$@") ;;
 esac
 failed=0
 for claim in "${wanted[@]}"; do
-    one "$claim" || failed=1
+    one "$claim" | tee "$work/output" || failed=1
+    if [[ $write ]] && ! grep -q "^$claim FAILED" "$work/output"; then
+        cp "$work/output" "$measured/$claim.txt"
+    fi
 done
 exit "$failed"
