@@ -36,14 +36,14 @@ static const struct setting rows[] = {
     { "layout", "L", "layout of the environment map", "auto", FRAMES, CHOICE(layout_choices),
       AT(feeder.reader.parcel.layout) },
     { "source-transfer", "T", "transfer function of a video, instead of the one that it declares", "auto", FRAMES,
-      CHOICE(signal_transfer_choices), AT(feeder.reader.source.colour.transfer) },
+      .needs = NEEDS_VIDEO, CHOICE(signal_transfer_choices), AT(feeder.reader.source.colour.transfer) },
     { "source-peak", "CDM2",
       "cd/m^2 of a video's white (HLG: of its peak; PQ: clipped there); 0: 203, with HLG 1000, PQ as coded", "0",
-      FRAMES, REAL(0.0, 1e6), AT(feeder.reader.source.colour.peak_cdm2) },
+      FRAMES, .needs = NEEDS_VIDEO, REAL(0.0, 1e6), AT(feeder.reader.source.colour.peak_cdm2) },
     { "source-ca", "FILE",
       "PEM file of the certificate authorities to trust for https://, rtsps:// and rtmps:// sources, instead of the "
       "system's; none: accept any certificate",
-      NULL, FRAMES, TEXT, AT(feeder.reader.source.ca) },
+      NULL, FRAMES, .needs = NEEDS_VIDEO, TEXT, AT(feeder.reader.source.ca) },
     { "raw", "FORM", "decode files here and send texels, as computed skies always are", NULL, FRAMES,
       CHOICE(raw_choices), AT(feeder.reader.parcel.raw) },
     { "out", "PATTERN", "write the frames as .exr files, with %d or %04d for the frame number, instead of sending them",
@@ -132,13 +132,15 @@ int main(int argc, char **argv)
         .name = "relight-feed",
         .synopsis = "[--to ws://HOST:PORT | --out PATTERN.exr] [--rate N | --lockstep] [flags] SOURCE",
         .about =
-            "Streams environment frames to a relightd: a file, a directory, a printf or glob pattern, watch:DIR,\n"
-            "sky:key=value,..., or a video (a file, rtsp://, rtmp://, srt://, http(s)://, v4l2:/dev/video0).\n"
-            "With --out, writes them as EXR files instead.\n"
+            "Streams environment frames to a relightd: a file, a directory, a printf or glob pattern, watch:DIR or\n"
+            "sky:key=value,... With --out, writes them as EXR files instead.\n"
             "Reconnects and continues when the connection is lost; Ctrl-C ends it cleanly.\n"
-            "Exit code: 0 all frames were used or superseded by newer ones, 1 some were refused, lost or not sent, or\n"
-            "in lockstep pictures were lost,\n"
-            "2 wrong usage, 3 refused by the server (role, token, version, or already taken).",
+            "Exit code: 0 all frames were used or superseded by newer ones, 1 some were refused, lost or not sent,\n"
+            "or images were lost in lockstep, 2 wrong usage, 3 refused by the server (role, token, version, or\n"
+            "already taken).",
+        .epilogue_title = "videos and live streams as SOURCE",
+        .epilogue = source_has_video() ? "  a file, rtsp://, rtmp://, srt://, http(s)://, v4l2:/dev/video0\n" : NULL,
+        .lacks = source_has_video() ? 0 : NEEDS_VIDEO,
         .lists = { { rows, &feed }, { client_rows, &feed.feeder.connection } },
         .operand_max = 1,
     };

@@ -16,6 +16,7 @@ enum {
     FOR_BENCH = 4,
     FOR_CHART = 8,
     FOR_CONTROL = 16, /* choices alone: the viewer page shows it */
+    FOR_MOVIES = 32,  /* likewise: for programs that write video files, in builds that can */
 };
 
 /* One of the values of an enumerated setting. A list of these ends with name NULL. */

@@ -51,6 +51,16 @@ static struct command_flag *find(struct command *c, const char *name, size_t len
     return NULL;
 }
 
+bool command_offers(const struct command *c, const struct setting *row)
+{
+    return row->also || !(row->needs & c->lacks);
+}
+
+const char *command_also(const struct command *c, const struct setting *row)
+{
+    return row->also && !(row->needs & c->lacks) ? row->also : "";
+}
+
 struct command_flag *command_flag(struct command *c, const char *name)
 {
     return find(c, name, strlen(name));
@@ -142,7 +152,7 @@ static const char *nearest(const struct command *c, const char *name, size_t len
 
     for (size_t k = 0; k < c->flag_count; k++) {
         const size_t d = distance(name, length, c->flags[k].row->name);
-        if (d < least) {
+        if (d < least && command_offers(c, c->flags[k].row)) {
             least = d;
             found = c->flags[k].row->name;
         }

@@ -26,6 +26,7 @@ struct command {
     const char *epilogue_title, *epilogue;    /* a heading and lines at the end of --help; NULL: none */
     unsigned program;                         /* FOR_* bit; 0: none of these */
     struct setting_list lists[COMMAND_LISTS]; /* rows NULL: none */
+    unsigned lacks;                           /* NEEDS_* that this build has not */
     bool quiet;                               /* no warning of a flag that is given twice */
     size_t operand_max;                       /* 0: none allowed; at most COMMAND_OPERANDS */
 
@@ -64,6 +65,10 @@ const char *command_get(const struct command *c, const char *name);
 
 /* Whether the flag, which the program has, was given, be it its default. */
 bool command_given(const struct command *c, const char *name);
+
+/* Whether --help, the manual and completion show the flag: this build has what it needs. */
+bool command_offers(const struct command *c, const struct setting *row);
+const char *command_also(const struct command *c, const struct setting *row); /* the end of its help, or "" */
 
 /* command_print.c: to stdout. */
 void command_print_help(const struct command *c);

@@ -37,6 +37,12 @@ static void put_quoted(const char *text, const char *unsafe)
     }
 }
 
+static void put_help(const struct command *c, const struct setting *s, const char *unsafe)
+{
+    put_quoted(s->help, unsafe);
+    put_quoted(command_also(c, s), unsafe);
+}
+
 /* ---- bash ---- */
 
 /* The flags of one kind, as a case pattern with what completes their values. */
@@ -45,7 +51,7 @@ static void put_case(const struct command *c, enum kind kind, const char *action
     size_t count = 0;
 
     for (size_t k = 0; k < c->flag_count; k++)
-        if (kind_of(c->flags[k].row) == kind)
+        if (kind_of(c->flags[k].row) == kind && command_offers(c, c->flags[k].row))
             printf("%s--%s", count++ ? "|" : "    ", c->flags[k].row->name);
     if (count)
         printf(") %s; return ;;\n", action);
@@ -66,7 +72,7 @@ static void print_bash(const struct command *c)
     put_case(c, FOLDERS, "compopt -o filenames; mapfile -t COMPREPLY < <(compgen -d -- \"$cur\")");
     put_case(c, ANY, "compopt -o default");
     for (size_t k = 0; k < c->flag_count; k++) {
-        if (kind_of(c->flags[k].row) != WORDS)
+        if (kind_of(c->flags[k].row) != WORDS || !command_offers(c, c->flags[k].row))
             continue;
         printf("    --%s) mapfile -t COMPREPLY < <(compgen -W '", c->flags[k].row->name);
         put_words(c, c->flags[k].row);
@@ -74,7 +80,8 @@ static void print_bash(const struct command *c)
     }
     printf("    esac\n    if [[ $cur == -* ]]; then\n        mapfile -t COMPREPLY < <(compgen -W '");
     for (size_t k = 0; k < c->flag_count; k++)
-        printf(" --%s", c->flags[k].row->name);
+        if (command_offers(c, c->flags[k].row))
+            printf(" --%s", c->flags[k].row->name);
     printf(" --help --version' -- \"$cur\")\n");
     if (c->operand_max > 0)
         printf("    else\n        compopt -o filenames\n        mapfile -t COMPREPLY < <(compgen -f -- \"$cur\")\n");
@@ -89,8 +96,10 @@ static void print_zsh(const struct command *c)
     for (size_t k = 0; k < c->flag_count; k++) {
         const struct setting *s = c->flags[k].row;
         const enum kind kind = kind_of(s);
+        if (!command_offers(c, s))
+            continue;
         printf("    '%s--%s%s[", s->type == SETTING_TEXTS ? "*" : "", s->name, kind == NOTHING ? "" : "=");
-        put_quoted(s->help, "[]\\");
+        put_help(c, s, "[]\\");
         printf("]");
         if (kind != NOTHING) {
             printf(":");
@@ -116,21 +125,16 @@ static void print_fish(const struct command *c)
         printf("complete -c %s -f\n", c->name);
     for (size_t k = 0; k < c->flag_count; k++) {
         const struct setting *s = c->flags[k].row;
+        if (!command_offers(c, s))
+            continue;
         printf("complete -c %s -l %s -d '", c->name, s->name);
-        put_quoted(s->help, "\\");
+        put_help(c, s, "\\");
         printf("'");
         switch (kind_of(s)) {
-        case NOTHING:
-            break;
-        case ANY:
-            printf(" -x");
-            break;
-        case FILES:
-            printf(" -rF");
-            break;
-        case FOLDERS:
-            printf(" -xa '(__fish_complete_directories)'");
-            break;
+        case NOTHING: break;
+        case ANY: printf(" -x"); break;
+        case FILES: printf(" -rF"); break;
+        case FOLDERS: printf(" -xa '(__fish_complete_directories)'"); break;
         case WORDS:
             printf(" -xa '");
             put_words(c, s);

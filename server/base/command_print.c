@@ -69,7 +69,11 @@ static void put_summary(const char *about)
 static const char *heading(const struct command *c, size_t k)
 {
     const char *section = c->flags[k].row->section;
-    return k > 0 && strcmp(c->flags[k - 1].row->section, section) == 0 ? NULL : section;
+
+    while (k > 0 && strcmp(c->flags[k - 1].row->section, section) == 0)
+        if (command_offers(c, c->flags[--k].row))
+            return NULL;
+    return section;
 }
 
 /* What a flag does: its sentence, its choices and its default. */
@@ -80,8 +84,8 @@ static void describe(const struct command *c, const struct command_flag *f, void
 
     if (s->type == SETTING_CHOICE)
         choice_list(s->choices, c->program, names, sizeof(names));
-    snprintf(text, sizeof(text), s->unit && f->initial ? "%s%s%s [%s]" : "%s%s%s", s->help, names[0] ? ": " : "", names,
-             f->initial);
+    snprintf(text, sizeof(text), s->unit && f->initial ? "%s%s%s%s [%s]" : "%s%s%s%s", s->help, command_also(c, s),
+             names[0] ? ": " : "", names, f->initial);
     put(text);
     putchar('\n');
 }
@@ -97,6 +101,8 @@ void command_print_help(const struct command *c)
     for (size_t k = 0; k < c->flag_count; k++) {
         const struct setting *s = c->flags[k].row;
         char left[40];
+        if (!command_offers(c, s))
+            continue;
         if (heading(c, k))
             printf("\n%s\n", heading(c, k));
         snprintf(left, sizeof(left), "--%s%s%s", s->name, s->unit ? " " : "", s->unit ? s->unit : "");
@@ -112,6 +118,8 @@ static void put_manual_flags(const struct command *c)
 {
     for (size_t k = 0; k < c->flag_count; k++) {
         const struct setting *s = c->flags[k].row;
+        if (!command_offers(c, s))
+            continue;
         if (heading(c, k)) {
             printf(".SS \"%c", toupper((unsigned char)s->section[0]));
             put_roff(s->section + 1);

@@ -44,6 +44,13 @@ enum setting_use {                    /* of a row with a key: bits */
                    SETTING_STATE = SETTING_ASKED | SETTING_TOLD | SETTING_KEPT,
 };
 
+enum setting_needs {                        /* what a build may lack: bits */
+                     NEEDS_VIDEO = 1,       /* video as a source */
+                     NEEDS_MOVIES = 2,      /* video files and live streams as an output */
+                     NEEDS_VIEWER_H264 = 4, /* H.264 for viewers */
+                     NEEDS_MPI = 8,         /* jobs of several processes */
+};
+
 enum setting_reload {                  /* what changes when a configuration file is read again */
                       RELOAD_NEVER,    /* nothing until the next start */
                       RELOAD_SETTINGS, /* as if a controller had asked for it */
@@ -58,6 +65,8 @@ struct setting {
     const char *initial; /* the default as text; NULL: none */
     const char *section; /* heading in --help */
     unsigned programs;   /* FOR_*; 0: all */
+    unsigned needs;      /* NEEDS_*: builds that lack one of them do not offer the flag, or, where there is `also`, */
+    const char *also;    /* this end of the help; NULL: none */
 
     enum setting_type type;
     uint32_t offset, size;                /* of the field in the struct of values; size 0: the value is not stored */

@@ -56,12 +56,13 @@ static const struct setting table[] = {
     { "web", "DIR", "folder of the viewer page; default: the one installed with the program", NULL, NETWORK, TEXT,
       AT(server_desc.web_dir) },
     { "h264-mbit", "N", "maximum bit rate of H.264, in Mbit/s; 0: half a bit per pixel of each frame", "0", NETWORK,
-      REAL(0.0, 1000.0), .scale = 1e6, AT(h264_bits) },
-    { "no-h264", NULL, "do not offer H.264 to viewers", NULL, NETWORK, SWITCH_OFF, AT(server_desc.h264) },
+      .needs = NEEDS_VIEWER_H264, REAL(0.0, 1000.0), .scale = 1e6, AT(h264_bits) },
+    { "no-h264", NULL, "do not offer H.264 to viewers", NULL, NETWORK, .needs = NEEDS_VIEWER_H264, SWITCH_OFF,
+      AT(server_desc.h264) },
     { "publish", "URL",
       "publish live pictures as H.264, to rtmp://, rtsp://, srt://, hls:DIR (for a web server) or record:DIR; may be "
       "given several times",
-      NULL, NETWORK, TEXTS, AT(publish_urls) },
+      NULL, NETWORK, .needs = NEEDS_MOVIES, TEXTS, AT(publish_urls) },
     { "token-viewer", "T", "token required from viewers", NULL, ACCESS, TEXT, AT(server_desc.tokens[SERVER_VIEWER]),
       .reload = RELOAD_SERVER },
     { "token-controller", "T", "token required from controllers", NULL, ACCESS, TEXT,
@@ -125,6 +126,8 @@ void daemon_flags_init(struct daemon_flags *f)
         .program = FOR_RELIGHTD,
         .lists = { { settings_table, NULL }, { table, NULL } },
     };
+    f->command.lacks = (source_has_video() ? 0 : NEEDS_VIDEO) | (h264_available() ? 0 : NEEDS_VIEWER_H264) |
+                       (publish_available(NULL) ? NEEDS_MOVIES : 0);
     command_begin(&f->command);
     command_default(&f->command, "samples", "16");
     command_default(&f->command, "allow-bias", "1e-2");

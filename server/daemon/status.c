@@ -14,8 +14,11 @@
 
 #define SMOOTH 0.2 /* share of a new reading in the figures that viewers are shown */
 
+static const char *const panoramic[] = { "latlong", "latlong-rows", NULL };
+
 void status_init(struct status_board *b, struct shared *shared)
 {
+    b->figures.not_offered = panoramic; /* until a sky is there */
     pthread_mutex_init(&b->lock, NULL);
     b->frames = &shared->frames.handoff;
     b->pictures = &shared->pictures.handoff;
@@ -273,8 +276,6 @@ static void note_sun(struct server_figures *f, const struct ingested *in)
 /* {lock} The methods that read a lat-long map are no choice for another one. */
 static void note_methods(struct server_figures *f, const struct environment *e)
 {
-    static const char *const panoramic[] = { "latlong", "latlong-rows", NULL };
-
     f->not_offered = environment_is_latlong(e) ? NULL : panoramic;
 }
 

@@ -264,6 +264,15 @@ static enum err check_trust(const char *spec, const char *ca, struct reason *why
     return ERR_OK;
 }
 
+bool demux_available(void)
+{
+#ifdef RELIGHT_VIDEO
+    return true;
+#else
+    return false;
+#endif
+}
+
 enum err demux_check(const char *spec, const char *ca, struct reason *why)
 {
 #ifdef RELIGHT_VIDEO

@@ -34,6 +34,8 @@ const char *demux_name(const char *spec, char *out, size_t size);
 
 #define DEMUX_ANY_CA "none"
 
+bool demux_available(void); /* whether this build reads video */
+
 /* What is known without opening: ERR_UNSUPPORTED: this build reads no video, or cannot verify certificates of such a
  * spec; ERR_USAGE: the file `ca` of demux_desc cannot be read. */
 MUST_CHECK enum err demux_check(const char *spec, const char *ca, struct reason *why);

@@ -16,7 +16,7 @@ const struct setting_choice tone_choices[] = {
     { "linear", TONE_LINEAR, "no curve: values above 1 are clipped", 0 },
     { "false-colour", TONE_FALSE_COLOUR, "luminance as a colour, over three decades: 0.01 to 10 after exposure", 0 },
     { "pq", TONE_PQ, "HDR video with PQ and Rec.2020: no curve, 1 becomes 203 cd/m2, clipped at 1000 cd/m2",
-      FOR_RENDER },
+      FOR_MOVIES },
     { NULL, 0, NULL, 0 },
 };
 

@@ -178,6 +178,11 @@ static enum err check_format(const struct output_desc *desc, struct reason *why)
                    desc->format ? "'" : "");
 }
 
+bool output_has_movies(void)
+{
+    return movie_available();
+}
+
 enum err output_check(const struct output_desc *desc, struct reason *why)
 {
     struct file_pattern parsed;

@@ -32,6 +32,8 @@ MUST_CHECK enum err output_create(const struct output_desc *desc, uint32_t width
                                   struct reason *why);
 void output_destroy(struct output *o); /* NULL is allowed */
 
+bool output_has_movies(void); /* whether this build writes video files */
+
 /* ERR_USAGE unless desc is one that output_create takes; needs no image size. Touches no file. */
 MUST_CHECK enum err output_check(const struct output_desc *desc, struct reason *why);
 

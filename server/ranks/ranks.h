@@ -26,6 +26,8 @@ struct ranks_desc {
     char *const *argv;
 };
 
+bool ranks_available(void); /* whether this build has MPI */
+
 /* Collective. Joins the job, if there is one; *out is NULL if not. ERR_USAGE: the ranks differ; *why names the
  * difference on rank 0 and is "" on others. ERR_UNSUPPORTED: this build has no MPI, or the MPI does not allow threads.
  * ERR_NOMEM. */

@@ -88,6 +88,7 @@ static enum err meter_first(struct render *r, struct reason *why)
 {
     struct source_desc desc = r->desc.setup.source_desc;
     struct source *source = NULL;
+    struct reason cause = { "" }; /* of the frame that was passed over last */
     enum err e;
 
     desc.frames =
@@ -96,10 +97,13 @@ static enum err meter_first(struct render *r, struct reason *why)
     if (!e) {
         /* An unreadable first frame is passed over, as in the sequence, where it is reported. */
         do
-            e = load_next(r, source, why);
+            e = load_next(r, source, &cause);
         while (e && e != ERR_END && e != ERR_NOMEM && !desc.frames.given);
         if (e == ERR_END)
-            e = err_say(why, ERR_IO, "%s: no frame to take the exposure from", desc.spec);
+            e = err_say(why, ERR_IO, "%s: no frame to take the exposure from%s%s", desc.spec, cause.text[0] ? ": " : "",
+                        cause.text);
+        else if (e)
+            *why = cause;
     }
     source_close(source);
     return e ? e : render_meter(r, why);

@@ -39,6 +39,7 @@ static const struct setting_choice time_choices[] = {
 #define RENDERING .section = "Rendering"
 #define OUTPUT .section = "Output"
 #define LIGHT_PROGRAMS .programs = FOR_RELIGHTD | FOR_RENDER
+#define VIDEO_SOURCES "; or a video: a file, rtsp://, rtmp://, srt://, http(s):// or v4l2:/dev/video0"
 #define NO_FLAG NULL, NULL, NULL, NULL, NULL, 0
 #define CONTROL(name, paragraph) .key = name, .clause = paragraph
 #define AT(field) SETTING_AT(setup, field)
@@ -111,26 +112,23 @@ const struct setting settings_table[] = {
     { "max-texture-memory", "MB", "maximum memory of textures; above it the largest lose resolution", "450", SCENE,
       WHOLE(1, 1 << 30), .scale = 1e6, AT(set_desc.reading.texture_bytes) },
     { "source", "S",
-      "environment: file, directory, printf or glob pattern, watch:DIR, push:, sky:key=value,..., or a video: a file, "
-      "rtsp://, rtmp://, srt://, http(s)://, v4l2:/dev/video0",
-      "sky:", SCENE, FOR_RELIGHTD, TEXT, AT(source_desc.spec) },
-    { "source", "S",
-      "environment: file, directory, printf or glob pattern, sky:key=value,..., or a video: a file, rtsp://, rtmp://, "
-      "srt://, http(s)://, v4l2:/dev/video0",
-      "sky:", SCENE, FOR_RENDER, TEXT, AT(source_desc.spec) },
+      "environment: file, directory, printf or glob pattern, watch:DIR, push:, epw:FILE or sky:key=value,...",
+      "sky:", SCENE, FOR_RELIGHTD, NEEDS_VIDEO, VIDEO_SOURCES, TEXT, AT(source_desc.spec) },
+    { "source", "S", "environment: file, directory, printf or glob pattern, epw:FILE or sky:key=value,...",
+      "sky:", SCENE, FOR_RENDER, NEEDS_VIDEO, VIDEO_SOURCES, TEXT, AT(source_desc.spec) },
     { "source", "S", "environment (first frame only), converted to OpenEXR in memory", "sky:", SCENE, FOR_BENCH, TEXT,
       AT(source_desc.spec) },
     { "frames", "A-B", "only the frames with these numbers (one number: that frame)", NULL, SCENE, LIGHT_PROGRAMS,
       .type = SETTING_FRAMES, AT(source_desc.frames) },
     { "source-transfer", "T", "transfer function of a video, instead of the one that it declares", "auto", SCENE,
-      LIGHT_PROGRAMS, CHOICE(signal_transfer_choices), AT(source_desc.colour.transfer) },
+      LIGHT_PROGRAMS, .needs = NEEDS_VIDEO, CHOICE(signal_transfer_choices), AT(source_desc.colour.transfer) },
     { "source-peak", "CDM2",
       "cd/m^2 of a video's white (HLG: of its peak; PQ: clipped there); 0: 203, with HLG 1000, PQ as coded", "0", SCENE,
-      LIGHT_PROGRAMS, REAL(0.0, 1e6), AT(source_desc.colour.peak_cdm2) },
+      LIGHT_PROGRAMS, .needs = NEEDS_VIDEO, REAL(0.0, 1e6), AT(source_desc.colour.peak_cdm2) },
     { "source-ca", "FILE",
       "PEM file of the certificate authorities to trust for https://, rtsps:// and rtmps:// sources, instead of the "
       "system's; none: accept any certificate",
-      NULL, SCENE, LIGHT_PROGRAMS, TEXT, AT(source_desc.ca) },
+      NULL, SCENE, LIGHT_PROGRAMS, .needs = NEEDS_VIDEO, TEXT, AT(source_desc.ca) },
     { "once", NULL, "stop after the last frame and keep its image; default: start again", NULL, SCENE, FOR_RELIGHTD,
       SWITCH_OFF, AT(source_desc.loop) },
     { "layout", "L", "layout of the environment map", "auto", SCENE, LIGHT_PROGRAMS, CHOICE(layout_choices),
@@ -203,6 +201,19 @@ const struct setting settings_table[] = {
     { .name = NULL },
 };
 
+/* Skies that are computed here are lat-long maps. */
+static enum err check_layout(const struct setup *s, struct reason *why)
+{
+    static const char *const computed[] = { "sky:", "epw:", "cie:", "mtx:" };
+    const char *spec = s->source_desc.spec;
+
+    for (size_t k = 0; k < sizeof(computed) / sizeof(computed[0]); k++)
+        if (strncmp(spec, computed[k], 4) == 0 && s->environment.layout != LAYOUT_AUTO &&
+            s->environment.layout != LAYOUT_LATLONG)
+            return err_say(why, ERR_USAGE, "--layout is for maps from files; the source %.40s is a lat-long map", spec);
+    return ERR_OK;
+}
+
 enum err setup_complete(struct setup *s, struct reason *why)
 {
     struct settings *initial = &s->initial;
@@ -224,7 +235,9 @@ enum err setup_complete(struct setup *s, struct reason *why)
         s->light.cache_file = NULL;
     if (initial->method == METHOD_COMPONENTS && !s->parts)
         return err_say(why, ERR_USAGE, "--method components needs --parts, such as --parts 'parts/%%03d.hdr'");
-    enum err e = view_change_read(s->position, s->look_at, s->fov, &s->set_desc.change, why);
+    enum err e = check_layout(s, why);
+    if (!e)
+        e = view_change_read(s->position, s->look_at, s->fov, &s->set_desc.change, why);
     s->set_desc.change.has_projection = s->projection != PROJECTION_PERSPECTIVE;
     s->set_desc.change.projection = (enum camera_projection)s->projection;
     if (!e)

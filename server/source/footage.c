@@ -2,6 +2,7 @@
 
 #include "base/log.h"
 #include "base/mem.h"
+#include "source/source.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -31,6 +32,11 @@ struct footage {
     uint64_t packets, pictures, damaged; /* since the start */
     bool told_damage, told_colour;
 };
+
+bool source_has_video(void)
+{
+    return demux_available();
+}
 
 /* ---- Formats ---- */
 

@@ -52,6 +52,8 @@ struct source_desc {
                                      never */
 };
 
+bool source_has_video(void); /* whether this build reads videos and live streams */
+
 /* Opens a source. On ERR_OK the caller owns *out; on error *out is NULL and *why names the spec and the fault. ERR_IO:
  * nothing found or not readable. ERR_USAGE: an invalid spec or range, a URL that is no source, or a number above
  * FRAME_NUMBER_MAX. ERR_UNSUPPORTED: video that this build or program does not read. ERR_NOMEM. */

@@ -59,13 +59,14 @@ static const struct setting rows[] = {
     { "fps", "N", "with --method auto: least error at N frames per second, files included; replaces --samples", NULL,
       RENDERING, REAL(1e-4, 1000.0), AT(fps) },
     { "out", "PATTERN",
-      "file name: .exr (linear), .jpg or .png (tone-mapped), with %d or %04d for the frame number; .mp4, .mkv (H.264) "
-      "or .webm (AV1) for a video of all frames; '-': standard output, with --format",
-      NULL, OUTPUT, TEXT },
-    { "format", "F", "format of --out -: exr (one frame), jpg or png (one after the other), mp4, mkv or webm", NULL,
-      OUTPUT, TEXT, AT(desc.output.format) },
-    { "rate", "N", "frames per second of a video file; default: the source's, or 30", NULL, OUTPUT, REAL(0.01, 1000.0),
-      AT(desc.output.rate) },
+      "file name: .exr (linear), .jpg or .png (tone-mapped), with %d or %04d for the frame number; '-': standard "
+      "output, with --format",
+      NULL, OUTPUT, .needs = NEEDS_MOVIES, .also = "; for a video of all frames: .mp4, .mkv (H.264) or .webm (AV1)",
+      TEXT },
+    { "format", "F", "format of --out -: exr (one frame), jpg or png (one after the other)", NULL, OUTPUT,
+      .needs = NEEDS_MOVIES, .also = ", mp4, mkv or webm", TEXT, AT(desc.output.format) },
+    { "rate", "N", "frames per second of a video file; default: the source's, or 30", NULL, OUTPUT,
+      .needs = NEEDS_MOVIES, REAL(0.01, 1000.0), AT(desc.output.rate) },
     { "denoise", NULL, "filter noise out of direct and indirect light", NULL, RENDERING, SWITCH,
       AT(desc.setup.light.denoise) },
     { "exposure-frame", "N", "with --exposure auto: measure this frame; default: the source's first", NULL, OUTPUT,
@@ -81,9 +82,9 @@ static const struct setting rows[] = {
     { "resume", NULL, "keep pictures that are there already, as after an interruption, and render the others", NULL,
       OUTPUT, SWITCH, AT(desc.resume) },
     { "collect", NULL, "as a job of mpirun: rank 0 writes the pictures of all ranks, where they share no file system",
-      NULL, OUTPUT, SWITCH, AT(desc.collect) },
+      NULL, OUTPUT, .needs = NEEDS_MPI, SWITCH, AT(desc.collect) },
     { "split-frames", NULL, "as a job of mpirun: all ranks light each frame together, instead of one rank per frame",
-      NULL, RENDERING, SWITCH, AT(desc.split) },
+      NULL, RENDERING, .needs = NEEDS_MPI, SWITCH, AT(desc.split) },
     { "bits", "B", "bits per channel of PNG", "8", OUTPUT, CHOICE(bits_choices), AT(bits) },
     { "layers", NULL,
       "write EXR with layers: light by class, sun and sky, albedo, normal, position, depth, error, Cryptomatte", NULL,
@@ -425,6 +426,10 @@ int main(int argc, char **argv)
     log_init("relight-render", LOG_INFO);
     signal(SIGPIPE, SIG_IGN); /* a reader of standard output that ends is an error of writing */
     command.epilogue = sky_help;
+    if (output_has_movies())
+        command.program |= FOR_MOVIES;
+    command.lacks = (source_has_video() ? 0 : NEEDS_VIDEO) | (output_has_movies() ? 0 : NEEDS_MOVIES) |
+                    (ranks_available() ? 0 : NEEDS_MPI);
     command_begin(&command);
     command_default(&command, "quality", "92");
     command_default(&command, "exposure", "auto");

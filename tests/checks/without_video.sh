@@ -20,6 +20,14 @@ refused() { # PATTERN COMMAND...
     grep -q "$pattern" "$work/said" || fail "no '$pattern': $*"
 }
 
+# What is refused is not offered, by --help, the manual or the completions.
+for program in "$relightd" "$render"; do
+    for text in --help --print-manual --print-completion-bash --print-completion-zsh --print-completion-fish; do
+        "$program" $text >"$work/said"
+        if grep -iE 'h\.?264|video|mp4|rtsp|publish| pq' "$work/said"; then fail "$program $text offers it"; fi
+    done
+done
+
 touch "$work/sky.mp4"
 refused 'this build reads no video' "$relightd" --port 0 --source "$work/sky.mp4"
 refused 'this build reads no video' "$render" --source "$work/sky.mp4" --out "$work/a.png"

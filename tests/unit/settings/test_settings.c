@@ -20,7 +20,7 @@ static enum err read_line(const char *line, struct read *out)
     bool done = false;
 
     *out = (struct read){ .why = { "" } };
-    c = (struct command){ .program = FOR_RENDER, .lists = { { settings_table, &out->setup } } };
+    c = (struct command){ .program = FOR_RENDER | FOR_MOVIES, .lists = { { settings_table, &out->setup } } };
     command_begin(&c);
     command_default(&c, "samples", "24");
     command_default(&c, "paths", "caustics");
@@ -78,7 +78,8 @@ static void each_flag_arrives_where_it_is_meant(void **state)
     assert_int_equal(s->light.caustics, PLAN_EYE);
     assert_int_equal(s->light.indirect, PLAN_LIGHT);
     assert_int_equal(s->light.direct.seed, 9);
-    assert_int_equal(read_line("--seed 18446744073709551615 --rotate -90.5 --scale 3 --layout ball", &r), ERR_OK);
+    assert_int_equal(read_line("--seed 18446744073709551615 --rotate -90.5 --scale 3 --layout ball --source a.hdr", &r),
+                     ERR_OK);
     assert_true(s->light.direct.seed == UINT64_MAX);
     assert_true(s->environment.rotation_degrees == -90.5 && s->environment.scale_stops == 3.0);
     assert_int_equal(s->environment.layout, LAYOUT_BALL);
@@ -180,7 +181,7 @@ static void choices_read_back_and_say_what_they_are(void **state)
         for (const struct setting_choice *c = s->choices; c->name; c++) {
             assert_true(c->about && c->about[0]);
             assert_string_equal(choice_name(s->choices, c->value), c->name);
-            assert_int_equal(choice_parse(s->choices, FOR_RENDER, "x", c->name, &got, &why), ERR_OK);
+            assert_int_equal(choice_parse(s->choices, FOR_RENDER | FOR_MOVIES, "x", c->name, &got, &why), ERR_OK);
             assert_int_equal(got, c->value);
         }
     }
