@@ -125,6 +125,7 @@ check() {
 
 write=""
 if [[ ${1:-} == --write ]]; then
+    mkdir -p "$measured"
     write=1
     shift
 fi

@@ -1,5 +1,6 @@
 /* Frames under a sky of which only some has changed: they compute that alone, and have the bits of whole frames. */
 #include "transport/transports.h"
+#include "transport/last.h"
 #include "light/relight.h"
 #include "support/sets.h"
 
@@ -120,7 +121,44 @@ static void only_what_has_changed_is_computed(void **state)
     frames_finish(&f);
 }
 
+static unsigned work_of_next_frame(struct transport *t)
+{
+    assert_true(transport_last_begin(t, NULL));
+    const unsigned work = transport_last_work(t, 0);
+    transport_last_end(t, true);
+    return work & TRANSPORT_WORK_BRIGHT;
+}
+
+/* The first, a middle, and the last sample of each kind; cone, flux and seed. */
+static void a_change_of_any_sample_of_the_sun_is_seen(void **state)
+{
+    struct frames f = frames_make();
+    (void)state;
+
+    shade_both(&f, NULL);
+    shade_both(&f, NULL);
+    struct transport_bright *b = &f.transport->bright;
+    float *const kinds[] = { b->x, b->y, b->z, b->r, b->g, b->b, b->density };
+    const size_t count = (size_t)b->strata * TRANSPORT_VARIANTS, places[] = { 0, count / 2, count - 1 };
+    float *const single[] = { &b->axis[0], &b->axis[2], &b->cosine, &b->sine, &b->flux[0][0], &b->flux[2][2] };
+    assert_true(b->strata > 0);
+    assert_int_equal(work_of_next_frame(f.transport), 0);
+    for (int k = 0; k < 7 * 3 + 6; k++) {
+        float *value = k < 21 ? &kinds[k / 3][places[k % 3]] : single[k - 21];
+        *value += 1.0f;
+        if (!work_of_next_frame(f.transport))
+            fail_msg("change %d is not seen", k);
+        assert_int_equal(work_of_next_frame(f.transport), 0);
+    }
+    b->seed ^= 1;
+    assert_true(work_of_next_frame(f.transport));
+    b->cells[0] ^= 1;
+    assert_true(work_of_next_frame(f.transport));
+    frames_finish(&f);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(a_change_of_any_sample_of_the_sun_is_seen),
     cmocka_unit_test(only_what_has_changed_is_computed),
 };
 UNIT_MAIN(tests)
