@@ -21,7 +21,7 @@ const note = () => {
 async function withRelay(args, line, query, body) {
   const server = await startServer(PATTERN, args);
   const relay = await startRelay(server.port, {}); // the page itself loads fast
-  const page = await chromium.browser.newPage({ viewport: { width: 1000, height: 800 } });
+  const page = await chromium.browser.newPage({ viewport: { width: 500, height: 400 } });
   const faults = [];
   page.on('pageerror', (error) => faults.push(String(error)));
   try {

@@ -35,7 +35,7 @@ const untilCoding = (page, name) => page.waitForFunction((n) => window.relight?.
 
 async function withPage(args, query, body, script) {
   const server = await startServer(PATTERN, args);
-  const page = await chromium.browser.newPage({ viewport: { width: 1000, height: 800 } });
+  const page = await chromium.browser.newPage({ viewport: { width: 500, height: 400 } });
   const faults = [];
   page.on('pageerror', (error) => faults.push(String(error)));
   try {
@@ -220,7 +220,7 @@ for (const coding of ['h264', 'jpeg']) {
     }
     const server = await startServer(chromium.RELIGHT_RELIGHTD,
       ['--port', '0', '--size', '320x180', '--samples', '4', '--source', 'sky:size=256x128,speed=0.5', '--reseed', '--h264-mbit', '2']);
-    const page = await chromium.browser.newPage({ viewport: { width: 1000, height: 800 } });
+    const page = await chromium.browser.newPage({ viewport: { width: 500, height: 400 } });
     try {
       const arrived = []; // received messages, as the browser reports them
       page.on('websocket', (socket) => socket.on('framereceived', ({ payload }) => {
