@@ -43,7 +43,7 @@ async function withSite(act) {
   });
   await new Promise((resolve) => { server.listen(0, '127.0.0.1', resolve); });
   site.url = `http://127.0.0.1:${server.address().port}/?from=hls`;
-  site.page = await openPage(browser, 'about:blank');
+  site.page = await openPage(browser, 'about:blank', { width: 500, height: 400 });
   site.page.violations = [];
   site.page.sockets = [];
   site.page.on('websocket', (socket) => site.page.sockets.push(socket.url()));
