@@ -191,11 +191,6 @@ void parts_destroy(struct parts *p)
     mem_free(p);
 }
 
-uint32_t parts_count(const struct parts *p)
-{
-    return p->count;
-}
-
 uint64_t parts_bytes(const struct parts *p)
 {
     return (uint64_t)p->count * 3 * pixels_of(p) * sizeof(*p->plane);

@@ -34,10 +34,9 @@ void parts_destroy(struct parts *p); /* NULL is allowed */
  * another one. */
 struct relight_whole parts_whole(struct parts *p);
 
-uint32_t parts_count(const struct parts *p); /* the sky's patches */
 uint64_t parts_bytes(const struct parts *p); /* memory of the texels */
 
-/* The picture under a sky: rgb float[height][width][3], radiance float[parts_count][3]. */
+/* The picture under a sky: rgb float[height][width][3], radiance float[patches][3]. */
 void parts_picture(const struct parts *p, const float (*radiance)[3], float *rgb);
 
 #endif

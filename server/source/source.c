@@ -527,11 +527,6 @@ const struct sky_desc *source_sky(const struct source *s)
     return s->kind == SOURCE_SKY ? &s->sky : NULL;
 }
 
-const struct daylight *source_daylight(const struct source *s)
-{
-    return s->daylight;
-}
-
 enum err source_first(const struct source_desc *desc, struct frame *f, struct reason *why)
 {
     struct source *s = NULL;

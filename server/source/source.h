@@ -34,7 +34,6 @@
 #include <stddef.h>
 #include <stdint.h>
 
-struct daylight;
 struct sky_desc;
 struct source;
 
@@ -134,8 +133,5 @@ bool source_place(const struct source *s, struct source_place *out);
 
 /* The sky with its current hour; NULL if the source is not a computed sky. The source owns it. */
 const struct sky_desc *source_sky(const struct source *s);
-
-/* The weather or standard sky behind the frames; NULL if the source has none. The source owns it. */
-const struct daylight *source_daylight(const struct source *s);
 
 #endif

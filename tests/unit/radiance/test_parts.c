@@ -220,7 +220,7 @@ static struct parts *read_parts(const char *from)
 
     if (parts_create(&(struct parts_desc){ from, WIDTH, HEIGHT, 0 }, &p, &why))
         fail_msg("%s", why.text);
-    assert_int_equal(parts_count(p), PATCHES);
+    assert_int_equal(parts_bytes(p), PATCHES * 3 * WIDTH * HEIGHT * sizeof(uint16_t));
     return p;
 }
 
