@@ -90,7 +90,7 @@ rows_of_the_cache_come_when_asked_for() {
     box_scene "$work"
     constant_sky "$work/flat.hdr"
     for sky in sky:size=128x64,hour=12 "$work/flat.hdr"; do
-        "$bin/relight-bench" --size 32x18 --rounds 4 --source "$sky" --scene "$work/box.json" --cached-only --json \
+        "$bin/relight-bench" --size 16x9 --rounds 4 --source "$sky" --scene "$work/box.json" --cached-only --json \
             >"$work/bench.json"
         echo "$cached" | /usr/bin/python3 -c '
 import json, math, sys
