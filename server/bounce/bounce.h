@@ -3,7 +3,7 @@
  * (estimators/paths.h), E D (S* D)+ L, sun included; frames trace no rays.
  *
  * Records lie on the surfaces, one for each voxel and range of normals. A record stores the light that it receives from
- * the map, per cell, by rays from eight places, and the light from other records. Shade points gather from records. All
+ * the map, per cell, by rays from four places, and the light from other records. Shade points gather from records. All
  * light is expressed in one basis over the cells, the eigenvectors of the light gathered at a few thousand points.
  * Records and points store 3 x K coefficients (K <= 128); those of points are compressed, with one set of rows for 16
  * neighbouring blocks of 64 points.

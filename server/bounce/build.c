@@ -13,7 +13,6 @@ static const struct bounce_effort full = { 64, 0, 1536, 512, 512, BOUNCE_BASIS_M
 static const struct bounce_effort quick = { 8, 700, 256, 64, 256, 32, 1 };
 
 #define GATHER_MOST 4096u
-#define SIDE 4u /* squared: directions of a cell, one for each spot of two records */
 
 uint64_t bounce_steps(const struct gbuffer *g)
 {
@@ -122,7 +121,7 @@ static enum err begin(struct bounce_build *b)
     if (e)
         return e;
     transport_compress_begin();
-    return transport_directions_init(&b->directions, SIDE, 1, rng_mix(d->seed, 12));
+    return transport_directions_init(&b->directions, BOUNCE_SIDE, 1, rng_mix(d->seed, 12));
 }
 
 /* With other processes, all of which come here: none has failed, or all stop. */

@@ -16,8 +16,11 @@
 #include <string.h>
 
 #define TOLERANCE 0.035
-#define FLOOR 0.03f /* share of a block's mean light; darker points are weighted as if they had this much */
-#define BATCH 32u   /* groups */
+#define FLOOR 0.03f     /* share of a block's mean light; darker points are weighted as if they had this much */
+#define BATCH 32u       /* groups */
+#define FIRST_SHARE 4u  /* of a matte point's rays, one in so many is traced where enough points are alike, */
+#define FIRST_LEAST 12u /* if these are as many */
+#define ENOUGH 64.0f    /* points alike */
 
 /* A shade point with its BRDF, whose parts are rows (transport/parts.h). */
 struct point {
@@ -95,45 +98,60 @@ static void take_ends(const struct gatherer *g, const double weight[TRANSPORT_RO
     }
 }
 
-/* Traces a point's rays: `rays` by the matte part and, if there is a lobe, as many by the lobe, combined by the balance
- * heuristic. Adds to the rows at `out`, stride floats apart, and to open[row] the direct light of a sky of radiance 1.
- * Returns the harmonic mean distance of the matte part's hits, m. */
-static double gather_point(struct gatherer *g, const struct point *p, uint64_t seed, uint32_t rays, float *out,
-                           size_t stride, bool cells, float open[TRANSPORT_ROWS])
+/* Of a point's `rays` rays by the matte part, and as many by the lobe if it has one, those traced now: from the
+ * first-th of each kind to the one before the until-th. */
+struct turn {
+    uint32_t rays, first, until;
+};
+
+/* Chooses the i-th ray's direction, by the matte part (part 0) or the lobe (1), and its rows over the density of both.
+ * False: it brings nothing. */
+static bool aim_ray(const struct gatherer *g, const struct point *p, uint64_t seed, const struct turn *turn, int part,
+                    uint32_t i, struct vec3 *w, double row[TRANSPORT_ROWS])
 {
     const struct bounce_spot spot = { .geometric = p->own.geometric, .shading = p->own.shading };
-    const uint64_t shift[2] = { rng_mix(seed, 0), rng_mix(seed, 1) };
-    const uint32_t all = p->rows > 1 ? 2 * rays : rays;
-    struct rng rng = { rng_mix(seed, 2) };
+    double x[3] = { 0.0 };
+    float unused;
+
+    for (int c = 0; c < 2; c++)
+        x[1 + c] = rng_unit((uint64_t)(g->build->numbers[part][i][c] * 0x1p53) << 11 ^ rng_mix(seed, (uint64_t)c));
+    if (part == 0)
+        bounce_leave(&spot, x + 1, w, &unused);
+    else
+        *w = lobe_sample(&p->own, p->wo, x);
+    if (!rows_at(p, *w, row))
+        return false;
+    double density = turn->rays * fmax(0.0, (double)vec3_dot(p->own.shading, *w)) / PI;
+    if (p->rows > 1)
+        density += turn->rays * lobe_density(&p->own, p->wo, *w);
+    for (int r = 0; r < TRANSPORT_ROWS; r++)
+        row[r] /= density;
+    return density > 0.0;
+}
+
+/* Traces a turn of a point's rays, combined by the balance heuristic. Adds to the rows at `out`, stride floats apart,
+ * and to open[row] the direct light of a sky of radiance 1. Returns the sum of one over the distance of the matte
+ * part's hits, m^-1. */
+static double gather_point(struct gatherer *g, const struct point *p, uint64_t seed, const struct turn *turn,
+                           float *out, size_t stride, bool cells, float open[TRANSPORT_ROWS])
+{
+    struct rng rng = { rng_mix(seed, 2 + turn->first) };
     double near = 0.0;
 
-    for (uint32_t i = 0; i < all; i++) {
-        double x[3] = { 0.0 }, row[TRANSPORT_ROWS];
-        struct vec3 w;
-        float unused;
-        for (int c = 0; c < 2; c++)
-            x[1 + c] = rng_unit((uint64_t)(g->build->numbers[i >= rays][i % rays][c] * 0x1p53) << 11 ^ shift[c]);
-        if (i < rays)
-            bounce_leave(&spot, x + 1, &w, &unused);
-        else
-            w = lobe_sample(&p->own, p->wo, x);
-        if (!rows_at(p, w, row))
-            continue;
-        double density = rays * fmax(0.0, (double)vec3_dot(p->own.shading, w)) / PI;
-        if (p->rows > 1)
-            density += rays * lobe_density(&p->own, p->wo, w);
-        if (!(density > 0.0))
-            continue;
-        for (int r = 0; r < TRANSPORT_ROWS; r++)
-            row[r] /= density;
-        g->ends.count = 0;
-        const float t = bounce_walk(&g->world, p->at, w, &rng, &g->ends);
-        near += i < rays ? 1.0 / fmax((double)t, 1e-6) : 0.0;
-        for (int r = 0; r < TRANSPORT_ROWS; r++)
-            open[r] += isinf(t) ? (float)row[r] : 0.0f;
-        take_ends(g, row, p->rows, stride, out, cells);
-    }
-    return rays / fmax(near, 1e-12);
+    for (int part = 0; part < (p->rows > 1 ? 2 : 1); part++)
+        for (uint32_t i = turn->first; i < turn->until; i++) {
+            double row[TRANSPORT_ROWS];
+            struct vec3 w;
+            if (!aim_ray(g, p, seed, turn, part, i, &w, row))
+                continue;
+            g->ends.count = 0;
+            const float t = bounce_walk(&g->world, p->at, w, &rng, &g->ends);
+            near += part == 0 ? 1.0 / fmax((double)t, 1e-6) : 0.0;
+            for (int r = 0; r < TRANSPORT_ROWS; r++)
+                open[r] += isinf(t) ? (float)row[r] : 0.0f;
+            take_ends(g, row, p->rows, stride, out, cells);
+        }
+    return near;
 }
 
 static void gatherer_init(struct gatherer *g, const struct bounce_build *b)
@@ -180,6 +198,7 @@ static bool basis_point(const struct bounce_build *b, uint32_t i, struct point *
 enum err bounce_make_basis(struct bounce_build *b)
 {
     const uint32_t rows = b->effort->basis_points + b->effort->basis_records;
+    const struct turn turn = { b->effort->basis_rays, 0, b->effort->basis_rays };
     float *m = mem_alloc((size_t)rows * SKY_CELLS, sizeof(*m));
     enum err e = m ? ERR_OK : ERR_NOMEM;
     uint64_t rays = 0;
@@ -197,8 +216,8 @@ enum err bounce_make_basis(struct bounce_build *b)
             float unused[TRANSPORT_ROWS] = { 0.0f };
             if (!is_cancelled(b->desc->cancel) &&
                 basis_point(b, i, &p)) /* all rows of a point's BRDF share a row of the matrix */
-                gather_point(&g, &p, rng_mix(rng_mix(b->desc->seed, 3), i), b->effort->basis_rays,
-                             m + (size_t)i * SKY_CELLS, 0, true, unused);
+                gather_point(&g, &p, rng_mix(rng_mix(b->desc->seed, 3), i), &turn, m + (size_t)i * SKY_CELLS, 0, true,
+                             unused);
         }
         rays += g.ends.rays;
         failed += g.ends.failed;
@@ -220,6 +239,8 @@ struct bench { /* per thread */
     float *matrix;                                   /* [TRANSPORT_ROWS][BOUNCE_GROUP_POINTS][3 K] */
     float *smooth;                                   /* [BOUNCE_GROUP_POINTS][3 K]: the matte row, smoothed */
     float open[BOUNCE_GROUP_POINTS][TRANSPORT_ROWS]; /* direct light of a sky of radiance 1 */
+    double near[BOUNCE_GROUP_POINTS];                /* sum of one over the distance of hits, m^-1 */
+    bool enough[BOUNCE_GROUP_POINTS];                /* points alike for few rays */
     struct bounce_smoother *smoother;
     struct bounce_workspace *workspace;
 };
@@ -256,31 +277,73 @@ static void fill_scales(const struct bounce_build *b, const struct bench *w, con
             scale[r][p] = mean > 0.0f ? fmaxf(scale[r][p] / fmaxf(whole[p], FLOOR * mean), 1e-3f) : 1.0f;
 }
 
+/* The rays that every point of a block traces: a matte one's first FIRST_SHARE. */
+static uint32_t first_rays(const struct bounce_build *b, const struct bounce_block *block)
+{
+    const uint32_t few = b->gather / FIRST_SHARE;
+
+    return block->rows == 1 && few >= FIRST_LEAST ? few : b->gather;
+}
+
+static void gather_turn(const struct bounce_build *b, struct bench *w, const struct bounce_block *block, uint32_t at,
+                        uint32_t first, uint32_t until)
+{
+    const uint32_t i = at % TRANSPORT_POINTS, packet = block->first + i / PACKET, l = i % PACKET;
+    const size_t wide = 3 * (size_t)b->b->basis.count, stride = BOUNCE_GROUP_POINTS * wide;
+    const struct point point = point_of(&b->b->gbuffer->packets[packet], l, block->rows);
+    const struct turn turn = { b->gather, first, until };
+    const uint64_t seed = rng_mix(rng_mix(b->desc->seed, 4), (uint64_t)packet * PACKET + l);
+
+    const double near =
+        gather_point(&w->gatherer, &point, seed, &turn, w->matrix + at * wide, stride, false, w->open[at]);
+    w->near[at] += near;
+    w->smoother->near[at] = (float)(until / fmax(w->near[at], 1e-12));
+}
+
 static void gather_block(const struct bounce_build *b, struct bench *w, const struct bounce_block *block, uint32_t slot)
 {
-    const uint32_t k = b->b->basis.count, first = slot * TRANSPORT_POINTS;
-    const size_t stride = (size_t)BOUNCE_GROUP_POINTS * 3 * k;
+    const size_t wide = 3 * (size_t)b->b->basis.count, stride = BOUNCE_GROUP_POINTS * wide;
     struct bounce_smoother *s = w->smoother;
 
     for (uint32_t i = 0; i < TRANSPORT_POINTS; i++) {
         const struct shade_packet *p = &b->b->gbuffer->packets[block->first + i / PACKET];
-        const uint32_t l = i % PACKET, at = first + i;
+        const uint32_t l = i % PACKET, at = slot * TRANSPORT_POINTS + i;
         s->used[at] = i < block->packets * PACKET && l < p->count;
         for (uint32_t r = 0; r < block->rows; r++)
-            memset(w->matrix + r * stride + (size_t)at * 3 * k, 0, 3 * k * sizeof(float));
+            memset(w->matrix + r * stride + at * wide, 0, wide * sizeof(float));
         memset(w->open[at], 0, sizeof(w->open[at]));
+        w->near[at] = 0.0;
         if (!s->used[at])
             continue;
-        const struct point point = point_of(p, l, block->rows);
         const float place[3] = { p->x[l], p->y[l], p->z[l] }, normal[3] = { p->ns_x[l], p->ns_y[l], p->ns_z[l] };
         for (int c = 0; c < 3; c++) {
             s->at[c][at] = place[c];
             s->normal[c][at] = normal[c];
         }
-        s->near[at] =
-            (float)gather_point(&w->gatherer, &point,
-                                rng_mix(rng_mix(b->desc->seed, 4), (uint64_t)(block->first + i / PACKET) * PACKET + l),
-                                b->gather, w->matrix + (size_t)at * 3 * k, stride, false, w->open[at]);
+        gather_turn(b, w, block, at, 0, first_rays(b, block));
+    }
+}
+
+/* The noise of a point's light is that of all points whose light is averaged with its own. Points with few such points
+ * trace the rest of their rays; the others' first rays count for all. */
+static void gather_rest(const struct bounce_build *b, struct bench *w, const struct bounce_group *g)
+{
+    const size_t wide = 3 * (size_t)b->b->basis.count;
+    const uint32_t points = g->count * TRANSPORT_POINTS, reach = b->effort->reach;
+
+    for (uint32_t at = 0; at < points; at++)
+        w->enough[at] = w->smoother->used[at] && bounce_alike(w->smoother, g->count, reach, at) >= ENOUGH;
+    for (uint32_t at = 0; at < points; at++) {
+        const struct bounce_block *block = &b->b->blocks[g->first + at / TRANSPORT_POINTS];
+        const uint32_t few = first_rays(b, block);
+        if (!w->smoother->used[at] || few == b->gather)
+            continue;
+        if (w->enough[at]) {
+            cblas_sscal((int)wide, (float)b->gather / (float)few, w->matrix + at * wide, 1);
+            w->open[at][0] *= (float)b->gather / (float)few;
+        } else {
+            gather_turn(b, w, block, at, few, b->gather);
+        }
     }
 }
 
@@ -293,6 +356,7 @@ static enum err gather_group(const struct bounce_build *b, struct bench *w, stru
 
     for (uint32_t k = 0; k < g->count; k++)
         gather_block(b, w, &blocks[k], k);
+    gather_rest(b, w, g);
     if (w->gatherer.ends.failed)
         return ERR_NOMEM;
     bounce_smooth(w->smoother, g->count, b->effort->reach, 3 * b->b->basis.count, w->matrix, w->smooth);

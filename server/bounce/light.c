@@ -17,7 +17,8 @@
 #define PROBES 16u      /* rays that search for surfaces, per record */
 #define RAYS_OF_SPOT 8u /* from each spot of a record to other records */
 #define BOUNCES_MOST 64u
-#define REST 3e-3 /* share of the energy that further bounces may have */
+#define TOGETHER 4u /* neighbouring cells, 2 x 2 in the order of sky_cell */
+#define REST 3e-3   /* share of the energy that further bounces may have */
 
 /* ---- Places ---- */
 
@@ -127,31 +128,43 @@ enum err bounce_find_records(struct bounce_build *b)
 
 /* ---- Direct light ---- */
 
+/* Both halves of the packet are the record's spots. */
 static void set_origins(const struct bounce_spot *spots, struct ray16 *ray)
 {
     memset(ray, 0, sizeof(*ray));
-    for (int l = 0; l < PACKET; l++) {
-        ray->org_x[l] = spots[l].at.x;
-        ray->org_y[l] = spots[l].at.y;
-        ray->org_z[l] = spots[l].at.z;
+    for (uint32_t l = 0; l < PACKET; l++) {
+        ray->org_x[l] = spots[l % BOUNCE_SPOTS].at.x;
+        ray->org_y[l] = spots[l % BOUNCE_SPOTS].at.y;
+        ray->org_z[l] = spots[l % BOUNCE_SPOTS].at.z;
         ray->mask[l] = UINT32_MAX;
     }
 }
 
-/* Traces one direction through a cell from each spot of two records, all different: out[record] is the mean of cos / pi
- * (for ggx, of the matte part's share of it) times the solid angle. */
-static void light_by(const struct bounce_build *b, const struct bounce_spot *spots, struct ray16 *ray, uint32_t cell,
-                     float out[2], uint64_t *rays)
+/* The direction of lane l through one of TOGETHER neighbouring cells: in each half of the packet a record's spots take
+ * turns between two cells, and the four that look through a cell do so through its four quarters. *which: the cell. */
+static uint32_t direction_of(uint32_t cell, uint64_t turn, uint32_t l, uint32_t *which)
 {
-    const uint32_t first = cell * PACKET, turn = (uint32_t)rng_mix(spots->key, cell);
+    const uint32_t spot = (l ^ (uint32_t)turn) % BOUNCE_SPOTS, random = (uint32_t)(turn >> (8 + 2 * l)) % 4;
+
+    *which = 2 * (l / BOUNCE_SPOTS) + spot % 2;
+    const uint32_t quarter = ((uint32_t)(turn >> (40 + 2 * *which)) ^ spot / 2) % 4;
+    return (cell + *which) * PACKET + (2 * (quarter / 2) + random / 2) * BOUNCE_SIDE + 2 * (quarter % 2) + random % 2;
+}
+
+/* Traces two directions from each spot of a record, through TOGETHER cells: out[cell] is the mean of cos / pi (for ggx,
+ * of the matte part's share of it) times the solid angle. */
+static void light_by(const struct bounce_build *b, const struct bounce_spot *spots, struct ray16 *ray, uint32_t cell,
+                     float out[TOGETHER], uint64_t *rays)
+{
+    const uint64_t turn = rng_mix(spots->key, cell);
     _Alignas(64) int32_t valid[PACKET];
     float value[PACKET];
-    uint32_t count = 0;
+    uint32_t which[PACKET], count = 0;
 
     for (uint32_t l = 0; l < PACKET; l++) {
-        const uint32_t at = first + (l ^ turn) % PACKET;
+        const uint32_t at = direction_of(cell, turn, l, &which[l]);
         const float x = b->directions.x[at], y = b->directions.y[at], z = b->directions.z[at];
-        const struct bounce_spot *s = &spots[l];
+        const struct bounce_spot *s = &spots[l % BOUNCE_SPOTS];
         const float above = s->geometric.x * x + s->geometric.y * y + s->geometric.z * z;
         const float cosine = s->shading.x * x + s->shading.y * y + s->shading.z * z, q = 1.0f - cosine;
         const float enter = s->kind == LOBE_GGX ? 1.0f - q * q * q * q * q : 1.0f;
@@ -163,13 +176,30 @@ static void light_by(const struct bounce_build *b, const struct bounce_spot *spo
         ray->dir_z[l] = z;
         ray->tfar[l] = INFINITY;
     }
-    out[0] = out[1] = 0.0f;
+    memset(out, 0, TOGETHER * sizeof(*out));
     if (count == 0)
         return;
     rays_occluded16(b->desc->rays, RAYS_TOGETHER, valid, ray);
     *rays += count;
-    for (uint32_t l = 0; l < PACKET; l++) /* weights are for sixteen directions, and each record has eight */
-        out[l / BOUNCE_SPOTS] += valid[l] && ray->tfar[l] > 0.0f ? value[l] * (float)(2.0 / PI) : 0.0f;
+    for (uint32_t l = 0; l < PACKET; l++) /* weights are for a cell's sixteen directions, of which four are traced */
+        out[which[l]] += valid[l] && ray->tfar[l] > 0.0f ? value[l] * (float)(4.0 / PI) : 0.0f;
+}
+
+static uint64_t light_record(const struct bounce_build *b, uint32_t r)
+{
+    const struct bounce_spot *spots = b->records.spots + (size_t)r * BOUNCE_SPOTS;
+    uint16_t *light = b->light + (size_t)r * SKY_CELLS;
+    struct ray16 ray;
+    uint64_t rays = 0;
+
+    set_origins(spots, &ray);
+    for (uint32_t c = 0; c < SKY_CELLS; c += TOGETHER) {
+        float out[TOGETHER];
+        light_by(b, spots, &ray, c, out, &rays);
+        for (uint32_t k = 0; k < TOGETHER; k++)
+            light[c + k] = half_round(out[k]);
+    }
+    return rays;
 }
 
 enum err bounce_light_records(struct bounce_build *b)
@@ -180,20 +210,11 @@ enum err bounce_light_records(struct bounce_build *b)
     b->light = mem_alloc(((size_t)records + 1) * SKY_CELLS, sizeof(*b->light));
     if (!b->light)
         return ERR_NOMEM;
-#pragma omp parallel for schedule(dynamic, 16) reduction(+ : rays)
-    for (uint32_t r = 0; r < records; r += 2) { /* the arrays have room for one more */
-        const struct bounce_spot *spots = b->records.spots + (size_t)r * BOUNCE_SPOTS;
-        uint16_t *light = b->light + (size_t)r * SKY_CELLS;
-        struct ray16 ray;
-        if (is_cancelled(b->desc->cancel) || !cache_share_computes(b->desc->share, r / 2))
+#pragma omp parallel for schedule(dynamic, 32) reduction(+ : rays)
+    for (uint32_t r = 0; r < records; r++) {
+        if (is_cancelled(b->desc->cancel) || !cache_share_computes(b->desc->share, r / 2)) /* processes share pairs */
             continue;
-        set_origins(spots, &ray);
-        for (uint32_t c = 0; c < SKY_CELLS; c++) {
-            float both[2];
-            light_by(b, spots, &ray, c, both, &rays);
-            light[c] = half_round(both[0]);
-            light[SKY_CELLS + c] = half_round(both[1]);
-        }
+        rays += light_record(b, r);
     }
     b->own_rays += rays;
     return ERR_OK;

@@ -17,6 +17,7 @@
 #define BOUNCE_BASIS_MAX 128 /* K, a multiple of 16 */
 
 #define BOUNCE_SPOTS 8u /* per record: half a packet */
+#define BOUNCE_SIDE 4u  /* squared: a cell's directions towards the light of records */
 
 /* ---- Records ---- */
 

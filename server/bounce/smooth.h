@@ -23,4 +23,8 @@ void bounce_smoother_destroy(struct bounce_smoother *s); /* NULL is allowed */
 void bounce_smooth(struct bounce_smoother *s, uint32_t blocks, uint32_t reach, uint32_t wide, const float *from,
                    float *to);
 
+/* The sum of the weights, 0..1, of all points that are averaged with point p, from a quarter of them; blocks and reach
+ * as in bounce_smooth. */
+float bounce_alike(const struct bounce_smoother *s, uint32_t blocks, uint32_t reach, uint32_t p);
+
 #endif

@@ -101,11 +101,13 @@ static enum err build_block(const struct build *b, struct bench *bench, struct t
     const struct transport *t = b->t;
     float scale[TRANSPORT_ROWS][TRANSPORT_POINTS];
     double allowed[TRANSPORT_ROWS];
+    uint8_t known[SKY_CELLS];
     enum err e = ERR_OK;
 
+    *rays += t->kernels->look(&b->world, &t->gbuffer->packets[block->first], block->packets, known);
     for (uint32_t k = 0; k < block->packets; k++)
-        *rays += t->kernels->trace(&b->world, &t->gbuffer->packets[block->first + k], block->rows, bench->matrices,
-                                   k * PACKET, &block->sight);
+        *rays += t->kernels->trace(&b->world, &t->gbuffer->packets[block->first + k], block->rows, known,
+                                   bench->matrices, k * PACKET, &block->sight);
     if (block->narrow) {
         block->gazes = mem_alloc_raw((size_t)block->packets * TRANSPORT_GAZES, sizeof(*block->gazes));
         if (!block->gazes)

@@ -307,5 +307,5 @@ static void gaze(const struct transport_look *look, const struct shade_packet *p
 
 extern const struct bright_kernels KERNEL(bright_kernels);
 extern const struct transport_kernels KERNEL(transport_kernels);
-const struct transport_kernels KERNEL(transport_kernels) = { trace, cells, expand, aim, gaze, &KERNEL(bright_kernels),
-                                                             widen };
+const struct transport_kernels
+    KERNEL(transport_kernels) = { look, trace, cells, expand, aim, gaze, &KERNEL(bright_kernels), widen };

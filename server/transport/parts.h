@@ -196,11 +196,23 @@ struct transport_indirect {
     void (*rows)(const void *self, uint32_t first, struct transport_rows *out);
 };
 
+/* What a block's points see of each unit of directions (transport_directions). */
+enum transport_outlook {
+    TRANSPORT_UNKNOWN, /* each packet has to trace it */
+    TRANSPORT_LIT,     /* all see it; */
+    TRANSPORT_DARK,    /* none does: assumed of all directions of the unit */
+};
+
 struct transport_kernels {
+    /* Finds the units whose visibility is the same for a block's 1 to 4 packets, by rays from a quarter of the points
+     * towards each. Returns the number of rays. */
+    uint64_t (*look)(const struct transport_world *w, const struct shade_packet *packets, uint32_t count,
+                     uint8_t out[SKY_CELLS]);
     /* Traces a packet's transport into columns first .. first + 15 of out[rows], writing every entry, and adds to
-     * *sight. Returns the number of rays. */
+     * *sight. known: enum transport_outlook by unit. Returns the number of rays. */
     uint64_t (*trace)(const struct transport_world *w, const struct shade_packet *p, uint32_t rows,
-                      struct transport_matrix *out, uint32_t first, struct transport_sight *sight);
+                      const uint8_t known[SKY_CELLS], struct transport_matrix *out, uint32_t first,
+                      struct transport_sight *sight);
     /* Writes the block's light from the sky's lower part to lo[packets][3][16]: (rows times the sky, plus `more` unless
      * NULL) times colours. */
     void (*cells)(const struct transport_block *b, const struct shade_packet *packets, const struct sky_split *sky,

@@ -10,6 +10,7 @@
 struct tracer {
     const struct transport_world *world;
     const struct shade_packet *points;
+    const uint8_t *known;      /* enum transport_outlook by unit, of the block */
     struct shade_packet basis; /* the same points, with colours that separate the rows */
     struct lobes lobes;
     struct ray16 rays;
@@ -130,44 +131,95 @@ struct outlook {
                                   not */
 };
 
-/* Traces one direction of each unit. */
+/* Traces the first direction of unit u from the lanes that face it: bits of those that see it. sides: as in struct
+ * outlook. */
+static uint32_t ask_unit(struct tracer *t, uint32_t u, uint8_t *sides)
+{
+    _Alignas(64) int32_t valid[PACKET];
+    struct lanes d[3], cosine;
+    uint32_t seen = 0, faced = 0;
+
+    *sides = 0;
+    set_direction(t->world->directions, u * TRANSPORT_UNIT, d);
+    if (!face(t, d, &cosine, valid))
+        return 0;
+    ask(t, RAYS_TOGETHER, d, valid);
+    for (uint32_t l = 0; l < PACKET; l++) {
+        faced |= (uint32_t)(valid[l] != 0) << l;
+        seen |= (uint32_t)(valid[l] && t->rays.tfar[l] > 0.0f) << l;
+    }
+    *sides = (uint8_t)((seen != 0) | (faced != seen) << 1);
+    return seen;
+}
+
+/* What lanes see of unit u and of its eight neighbours. */
+static uint8_t sides_around(const struct transport_directions *dirs, const uint8_t *sides, uint32_t u)
+{
+    uint8_t all = sides[u];
+
+    for (int i = 0; i < 8; i++)
+        all |= sides[dirs->around[u][i]];
+    return all;
+}
+
+/* The packet asked for unit u has one of four lanes of each of the block's packets, other ones for the units beside it.
+ */
+static inline uint64_t look(const struct transport_world *w, const struct shade_packet *packets, uint32_t count,
+                            uint8_t out[SKY_CELLS])
+{
+    const struct transport_directions *dirs = w->directions;
+    struct shade_packet mixed[TRANSPORT_PACKETS];
+    struct tracer t[TRANSPORT_PACKETS];
+    uint8_t sides[SKY_CELLS];
+    uint64_t traced = 0;
+
+    memset(out, TRANSPORT_UNKNOWN, SKY_CELLS);
+    if (count < TRANSPORT_PACKETS)
+        return 0; /* asking each packet costs no more */
+    for (uint32_t k = 0; k < TRANSPORT_PACKETS && dirs->units; k++) {
+        mixed[k] = packets[0];
+        for (uint32_t l = 0; l < PACKET; l++) {
+            const struct shade_packet *from = &packets[(l + l / 4 + k) % TRANSPORT_PACKETS];
+            shade_packet_put(&mixed[k], l, from, l, from->valid[l]);
+        }
+        t[k] = (struct tracer){ .world = w, .points = &mixed[k] };
+        lobes_rays(&mixed[k], &t[k].rays);
+    }
+    for (uint32_t u = 0; u < dirs->units; u++)
+        ask_unit(&t[(u + u / 4) % TRANSPORT_PACKETS], u, &sides[u]);
+    for (uint32_t u = 0; u < dirs->units; u++) {
+        const uint8_t all = sides_around(dirs, sides, u);
+        out[u] = all == 1 ? TRANSPORT_LIT : all == 2 ? TRANSPORT_DARK : TRANSPORT_UNKNOWN;
+    }
+    for (uint32_t k = 0; k < TRANSPORT_PACKETS && dirs->units; k++)
+        traced += t[k].traced;
+    return traced;
+}
+
+/* Traces one direction of each unit that is not known. */
 static void look_out(struct tracer *t, struct outlook *o)
 {
-    const struct transport_directions *dirs = t->world->directions;
-
-    for (uint32_t u = 0; u < dirs->units; u++) {
-        _Alignas(64) int32_t valid[PACKET];
-        struct lanes d[3], cosine;
-        uint32_t seen = 0, faced = 0;
-        set_direction(dirs, u * TRANSPORT_UNIT, d);
-        o->sides[u] = 0;
-        o->first[u] = 0;
-        if (!face(t, d, &cosine, valid))
-            continue;
-        ask(t, RAYS_TOGETHER, d, valid);
-        for (uint32_t l = 0; l < PACKET; l++) {
-            faced |= (uint32_t)(valid[l] != 0) << l;
-            seen |= (uint32_t)(valid[l] && t->rays.tfar[l] > 0.0f) << l;
-        }
-        o->first[u] = seen;
-        o->sides[u] = (uint8_t)((seen != 0) | (faced != seen) << 1);
+    for (uint32_t u = 0; u < t->world->directions->units; u++) {
+        o->sides[u] = t->known[u] == TRANSPORT_LIT ? 1 : 2;
+        if (t->known[u] == TRANSPORT_UNKNOWN)
+            o->first[u] = ask_unit(t, u, &o->sides[u]);
     }
 }
 
 /* If the first directions of a unit and of its eight neighbours all have the same visibility for all lanes, the unit's
  * other directions are assumed to have it, too. */
-static const uint32_t *known_of(const struct transport_directions *dirs, const struct outlook *o, uint32_t k)
+static const uint32_t *known_of(const struct tracer *t, const struct outlook *o, uint32_t k)
 {
     static const uint32_t all = UINT32_MAX, none = 0;
     const uint32_t u = k / TRANSPORT_UNIT;
 
-    if (!dirs->units)
+    if (!t->world->directions->units)
         return NULL;
+    if (t->known[u] != TRANSPORT_UNKNOWN)
+        return t->known[u] == TRANSPORT_LIT ? &all : &none;
     if (k % TRANSPORT_UNIT == 0)
         return &o->first[u];
-    uint32_t sides = o->sides[u];
-    for (int i = 0; i < 8; i++)
-        sides |= o->sides[dirs->around[u][i]];
+    const uint8_t sides = sides_around(t->world->directions, o->sides, u);
     return sides == 1 ? &all : sides == 2 ? &none : NULL;
 }
 
@@ -186,7 +238,7 @@ static void trace_cells(struct tracer *t, struct transport_matrix *out, uint32_t
             const float weight = dirs->weight[k];
             struct lanes d[3], row[TRANSPORT_ROWS], pdf;
             set_direction(dirs, k, d);
-            if (!see_rows(t, RAYS_TOGETHER, d, known_of(dirs, &outlook, k), row, &pdf))
+            if (!see_rows(t, RAYS_TOGETHER, d, known_of(t, &outlook, k), row, &pdf))
                 continue;
             LANES(l)
             {
@@ -242,9 +294,10 @@ static void trace_lobes(struct tracer *t, struct transport_matrix *out, uint32_t
 }
 
 static inline uint64_t trace(const struct transport_world *w, const struct shade_packet *p, uint32_t rows,
-                             struct transport_matrix *out, uint32_t first, struct transport_sight *sight)
+                             const uint8_t known[SKY_CELLS], struct transport_matrix *out, uint32_t first,
+                             struct transport_sight *sight)
 {
-    struct tracer t = { .world = w, .points = p, .rows = rows };
+    struct tracer t = { .world = w, .points = p, .rows = rows, .known = known };
 
     set_up_tracer(&t);
     trace_cells(&t, out, first, sight);

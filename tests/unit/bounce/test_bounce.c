@@ -2,6 +2,7 @@
 #include "bounce/bounce.h"
 #include "transport/transports.h"
 #include "bounce/parts.h"
+#include "bounce/smooth.h"
 #include "estimators/courts.h"
 #include "estimators/points.h"
 
@@ -395,6 +396,61 @@ static void bits_do_not_depend_on_threads(void **state)
     lit_destroy(&x);
 }
 
+/* Four blocks of points on a floor, a tenth of the distance of what is around apart from end to end; every other point
+ * of the last two faces sideways. */
+static void points_alike_are_those_near_that_face_the_same_way(void **state)
+{
+    enum { BLOCKS = 4, POINTS = BLOCKS * TRANSPORT_POINTS };
+    struct bounce_smoother *s = bounce_smoother_create();
+    (void)state;
+
+    assert_non_null(s);
+    for (uint32_t k = 0; k < POINTS; k++) {
+        const uint32_t turned = k >= POINTS / 2 && k / 4 % 2;
+        s->used[k] = true;
+        s->at[0][k] = 0.1f * (float)k / POINTS;
+        s->normal[turned ? 0 : 1][k] = 1.0f;
+        s->near[k] = 1.0f;
+    }
+    const float whole = bounce_alike(s, BLOCKS, BOUNCE_GROUP, 0), near = bounce_alike(s, BLOCKS, 0, 0);
+    double want[2] = { 0.0 };
+    for (uint32_t k = 0; k < POINTS; k++) {
+        const double weight = s->normal[1][k] > 0.0f ? 1.0 - (double)s->at[0][k] / 0.3 : 0.0;
+        want[0] += weight;
+        want[1] += k < TRANSPORT_POINTS ? weight : 0.0;
+    }
+    assert_true(fabs((double)whole / want[0] - 1.0) < 0.02 && fabs((double)near / want[1] - 1.0) < 0.02);
+    for (uint32_t k = 0; k < POINTS; k++)
+        s->near[k] = k == 0 ? 1.0f : 1e-4f;
+    assert_true(bounce_alike(s, BLOCKS, BOUNCE_GROUP, 0) < 5.0f); /* itself, counted for four */
+    bounce_smoother_destroy(s);
+}
+
+/* Points of large plain surfaces trace a quarter of their rays. */
+static void points_among_their_like_trace_fewer_rays(void **state)
+{
+    struct lit x = lit_create(mixed_court(), 96, 54);
+    struct transport *t = direct_of(&x);
+    struct bounce_desc desc = desc_of(&x, t, 5);
+    static const uint32_t gather[3] = { 20, 40, 512 }; /* a quarter of the first two would be too few */
+    double rays[3];
+    struct bounce *b;
+    struct reason why;
+    (void)state;
+
+    for (int k = 0; k < 3; k++) {
+        desc.gather = gather[k];
+        assert_int_equal(bounce_create(&desc, best_kernels(), &b, &why), ERR_OK);
+        rays[k] = (double)b->stats.rays;
+        bounce_destroy(b);
+    }
+    const double each = (rays[1] - rays[0]) / 20.0, share = (rays[2] - (rays[0] - 20.0 * each)) / (512.0 * each);
+    printf("share of the rays %.3f\n", share);
+    assert_true(share > 0.25 && share < 0.9);
+    transport_destroy(t);
+    lit_destroy(&x);
+}
+
 static void it_is_cancelled_and_refused(void **state)
 {
     struct lit x = lit_create(matte_court(), 24, 18);
@@ -451,6 +507,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(paths_end_in_cells_by_the_same_tents),
     cmocka_unit_test(a_quick_one_is_near_the_full_one),
     cmocka_unit_test(bits_do_not_depend_on_threads),
+    cmocka_unit_test(points_alike_are_those_near_that_face_the_same_way),
+    cmocka_unit_test(points_among_their_like_trace_fewer_rays),
     cmocka_unit_test(it_is_cancelled_and_refused),
     cmocka_unit_test(a_floor_alone_has_none),
 };
