@@ -240,13 +240,11 @@ static void on_pong(struct connection *c, const json_t *pong)
 /* True: the client's too. A fatal one is followed by a close, which tells it. */
 static bool on_error(struct connection *c, const json_t *error)
 {
-    char code[40], clause[16], message[200];
+    char code[40], message[200];
 
     message_plain(error, "code", code, sizeof(code));
-    message_plain(error, "clause", clause, sizeof(clause));
     message_plain(error, "message", message, sizeof(message));
-    snprintf(c->complaint, sizeof(c->complaint), "%s: %s%s%s", code, message, clause[0] ? ", PROTOCOL.md " : "",
-             clause);
+    snprintf(c->complaint, sizeof(c->complaint), "%s: %s", code, message);
     if (json_is_true(json_object_get(error, "fatal")))
         return false;
     log_warning("%s: %s", c->address.named, c->complaint);

@@ -175,7 +175,8 @@ export class Connection {
       return;
     }
     const { policy, text } = closePolicy(code);
-    const said = code >= 4000 && reason ? `${text} (${reason})` : text;
+    const why = reason.replace(/^clause [\d.]+: /, ''); // which is for those who write clients
+    const said = code >= 4000 && why ? `${text} (${why})` : text;
     if (policy === 'never') this.set({ name: 'refused', detail: said, token: code === CLOSE_BAD_TOKEN });
     else this.retry(said, policy === 'later' ? LATER_MS : 0);
   }
@@ -322,7 +323,7 @@ export class Connection {
   // An image that cannot be read is skipped: many in a row mean that none can.
   skipPicture({ text, clause, sequence }) {
     if (++this.unreadable > UNREADABLE_MOST) {
-      this.refuse(`The server sent images that this viewer cannot read: ${text} (clause ${clause}).`);
+      this.refuse(`The server sent images that this viewer cannot read: ${text}.`);
       return;
     }
     this.on.error?.({ code: 'bad_picture', clause, message: `an image was skipped: ${text}`, fatal: false });

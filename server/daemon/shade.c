@@ -316,6 +316,7 @@ enum err shade_thread_create(struct shared *shared, struct shade_thread **out, s
         e = set_create(&c->setup.set_desc, &t->first_set, why);
     if (e)
         goto failed;
+    setup_report_unused(&c->setup, &t->first_set->facts);
     t->set = t->first_set;
     t->first_relighter = t->relighter = relighter_create(t->set, c->setup.kernels);
     if (!t->relighter || !lamps_create_canvas(t)) {

@@ -16,7 +16,7 @@ const struct setting_choice method_choices[] = {
     { "photons", METHOD_PHOTONS, "reference: photon mapping of the whole image, biased", FOR_RENDER },
     { "vpl", METHOD_VPL, "reference: virtual point lights; no caustics; corners, or all with few lights, are off",
       FOR_RENDER },
-    { "components", METHOD_COMPONENTS, "the sum of --parts, a picture for each patch of Radiance's sky",
+    { "components", METHOD_COMPONENTS, "adds up the images of --parts, one rendered for each patch of Radiance's sky",
       FOR_RELIGHTD | FOR_RENDER },
     { "cached", METHOD_CACHED, "cached light transport of the static scene, biased; auto for narrow lobes",
       FOR_RELIGHTD | FOR_RENDER | FOR_CONTROL },
@@ -55,6 +55,5 @@ const char *method_name(enum method m)
 
 bool method_is_reference(enum method m)
 {
-    return m == METHOD_PATH || m == METHOD_MLT || m == METHOD_PHOTONS || m == METHOD_VPL ||
-           m == METHOD_COMPONENTS;
+    return m == METHOD_PATH || m == METHOD_MLT || m == METHOD_PHOTONS || m == METHOD_VPL || m == METHOD_COMPONENTS;
 }

@@ -92,6 +92,7 @@ static enum err set_up(struct render *r, struct reason *why)
         e = set_create(&d->setup.set_desc, &r->set, why);
     if (e)
         return e;
+    setup_report_unused(&d->setup, &r->set->facts);
     r->relighter = relighter_create(r->set, d->setup.kernels);
     d->setup.environment.lean = d->setup.light.direct.method == METHOD_CACHED;
     r->environment = environment_create(&d->setup.environment);

@@ -31,6 +31,15 @@ static const char *without_paths(const struct setup *s)
                : "there is neither indirect light nor a caustic with this --paths";
 }
 
+static const char *without_tracer(const struct setup *s)
+{
+    const bool caustics = s->light.caustics != PLAN_EYE && s->light.caustics != PLAN_NONE;
+
+    if (without_paths(s) || s->light.indirect == PLAN_LIGHT || (caustics && has_class(s, PATH_CAUSTICS)))
+        return without_paths(s);
+    return "with this --paths, --caustics and --indirect there is no light tracer";
+}
+
 static const char *without_store(const struct setup *s)
 {
     const bool may = s->light.caustics == PLAN_STORED || s->light.caustics == PLAN_AUTO;
@@ -87,7 +96,7 @@ static const struct {
     ignored_by *why;
 } rows[] = {
     { "indirect", without_indirect },   { "caustics", without_caustics }, { "eye-paths", without_paths },
-    { "particles", without_paths },     { "start", without_paths },       { "stored-paths", without_store },
+    { "particles", without_tracer },    { "start", without_tracer },      { "stored-paths", without_store },
     { "renew", without_store },         { "cache-file", without_cache },  { "cache-dir", without_cache },
     { "cache-memory", without_memory }, { "cache-wait", without_cache },  { "allow-bias", without_auto },
     { "cells", without_strata },        { "compensate", without_strata }, { "sun", without_strata },
@@ -107,4 +116,11 @@ void setup_report_ignored(struct command *c, const struct setup *s)
     if (processors > 0 && s->threads > (unsigned long)processors)
         log_warning("--threads %u: this machine has %ld processors; more threads than that make it slower", s->threads,
                     processors);
+}
+
+void setup_report_unused(const struct setup *s, const struct plan_facts *scene)
+{
+    if (s->light.particles > 0 && !without_tracer(s) && scene->casters == 0 && s->light.indirect != PLAN_LIGHT)
+        log_warning(
+            "--particles has no effect: the scene has no mirror and no glass, and --indirect light is not given");
 }

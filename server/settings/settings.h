@@ -73,6 +73,9 @@ extern const struct setting settings_table[];
 /* Warns of each flag that was given and has no effect beside the others. Once, when the program starts. */
 void setup_report_ignored(struct command *c, const struct setup *s);
 
+/* Warns of settings that have no effect in this scene. Once, when it has been read. */
+void setup_report_unused(const struct setup *s, const struct plan_facts *scene);
+
 /* After command_read: what follows from several flags, or from what this machine is. ERR_USAGE names the flag. */
 MUST_CHECK enum err setup_complete(struct setup *s, struct reason *why);
 

@@ -1,9 +1,9 @@
 #!/bin/bash
-# pages.sh ROOT: a user page, docs/*.md but the index and the list of works, has at most 1,200 words, as wc counts them.
+# pages.sh ROOT: user pages have at most 1,200 words, as wc counts them: docs/*.md but the index and the list of works, README.md, SECURITY.md.
 set -euo pipefail
 cd "$1/docs"
 count=0 long=0
-for page in *.md; do
+for page in *.md ../README.md ../SECURITY.md; do
     [[ $page == README.md || $page == REFERENCES.md ]] && continue
     count=$((count + 1))
     words="$(wc -w <"$page")"

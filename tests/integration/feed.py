@@ -271,7 +271,7 @@ async def fatal_close_codes_end_it_at_once(folder):
 
         async with Server(script) as server:
             program = await feed(server, pattern)
-            expect(program, code, f"some_code: because {close}, PROTOCOL.md 4.1.3")
+            expect(program, code, f"some_code: because {close}")
             check(server.connections == 1, f"came back after {close}")
 
 

@@ -12,6 +12,7 @@ a_flag_that_does_not_exist_suggests_the_nearest() {
 }
 
 flags_without_effect_are_reported() {
+    box_scene "$work"
     local render=("$bin/relight-render" "${small[@]}" --out "$work/x.exr")
     expect 0 '--eye-paths has no effect: there is neither indirect light' "${render[@]}" --eye-paths 64
     expect 0 '--caustics has no effect: there are no caustics' "${render[@]}" --caustics eye
@@ -21,13 +22,15 @@ flags_without_effect_are_reported() {
     expect 0 '--cache-file has no effect: only --method cached' "${render[@]}" --cache-file "$work/none"
     expect 0 '--cells has no effect: only --method faces' "${render[@]}" --method brdf --cells 2
     expect 0 '--lamp-samples has no effect' "${render[@]}" --lamps 0 --lamp-samples 3
+    expect 0 '--particles has no effect: the scene has no mirror' "${render[@]}" --scene "$work/box.json" --paths all --particles 9
+    expect 0 '--particles has no effect: with this --paths, --caustics' "${render[@]}" --paths all --caustics eye --particles 9
     expect 0 '--reinhart has no effect without' "${render[@]}" --reinhart 2
     expect 0 '--half has no effect' "$bin/relight-render" "${small[@]}" --half --out "$work/x.jpg"
     expect 0 '--samples is given more than once: the last one counts' "${render[@]}" --samples 2
     expect 0 '--threads 1000: this machine has [0-9]+ processors' "${render[@]}" --threads 1000
     "${render[@]}" 2>"$work/log"
     if grep -q warning "$work/log"; then cat "$work/log"; fail "warnings without a reason"; fi
-    "$bin/relight-render" --size 16x9 --samples 1 --eye-paths 2 --particles 100 --cells 2 --exposure 1 --tone linear \
+    "$bin/relight-render" --size 16x9 --samples 1 --eye-paths 2 --particles 100 --indirect light --cells 2 --exposure 1 --tone linear \
         --quality 50 --out "$work/x.jpg" 2>"$work/log"
     if grep -q warning "$work/log"; then cat "$work/log"; fail "warnings of flags that have an effect"; fi
 }
