@@ -19,11 +19,15 @@ struct group { /* sums of V and D */
 struct history {
     struct denoiser *denoiser;
     uint32_t packets;
-    uint64_t key, turn;       /* pictures since it began */
+    uint64_t key, turn;       /* pictures since it began, */
+    uint64_t first_turn;      /* and before the first one with a cache */
     bool followed;            /* in this picture */
     bool moved;               /* the cache's light did, in this picture */
     bool has_cache;           /* `cache` is that of the last picture */
     bool still;               /* the sky is that of the last picture */
+    bool slow;                /* history_slow, for this picture */
+    bool shows;               /* `shown` is light with this key */
+    unsigned glide;           /* steps still to take */
     float *half[2];           /* B, [packets][3][16], as what follows */
     float *cache;             /* C of the last picture */
     float *shown;             /* P, changed with C */
@@ -135,12 +139,23 @@ void history_begin(struct history *h, uint64_t key)
     if (h->key != key) {
         memset(h->count, 0, h->packets * sizeof(*h->count));
         memset(h->groups, 0, group_count(h) * sizeof(*h->groups));
-        h->has_cache = false;
+        h->has_cache = h->shows = false;
+        h->glide = 0;
         stated_forget(h->stated);
     }
     h->key = key;
-    h->followed = h->still = h->moved = false;
+    h->followed = h->still = h->moved = h->slow = false;
     list_packets(h);
+}
+
+void history_slow(struct history *h)
+{
+    h->slow = true;
+}
+
+bool history_glides(const struct history *h)
+{
+    return h->glide > 0;
 }
 
 void history_hold(struct history *h, bool still)
@@ -180,6 +195,8 @@ void history_follow(struct history *h, const float *lo)
         }
         memcpy(h->cache + at, lo + at, FLOATS * sizeof(float));
     }
+    if (!h->has_cache)
+        h->first_turn = h->turn;
     h->followed = h->has_cache = true;
     h->moved = moved;
     list_packets(h);
@@ -306,15 +323,44 @@ static void add_more(struct history *h, const float *const more[2])
     }
 }
 
+/* Of the way that is left, in the step that begins; 1: all of it. */
+static float glide_share(const struct history *h)
+{
+    const float from = 1.0f - (float)h->glide / HISTORY_GLIDE, to = from + 1.0f / HISTORY_GLIDE;
+    const float was = from * from * (3.0f - 2.0f * from), is = to * to * (3.0f - 2.0f * to);
+
+    return h->glide > 1 ? (is - was) / (1.0f - was) : 1.0f;
+}
+
+void history_glide(struct history *h, float *lo)
+{
+    const float step = glide_share(h);
+
+#pragma omp parallel for schedule(static)
+    for (size_t k = 0; k < h->packets * FLOATS; k++) {
+        h->shown[k] = step < 1.0f ? h->shown[k] + step * (h->target[k] - h->shown[k]) : h->target[k];
+        lo[k] = fmaxf(h->shown[k], 0.0f);
+    }
+    h->glide -= h->glide > 0;
+}
+
 void history_show(struct history *h, const float *const more[2], float *lo)
 {
     for (int k = 0; k < 2; k++)
         h->filtered[k] = more ? denoiser_half(h->denoiser, k) : h->half[k];
     if (more)
         add_more(h, more);
-    if (!h->followed || (h->turn + 1) % HISTORY_TURNS == 0)
+    const unsigned since = h->followed ? (unsigned)((h->turn - h->first_turn + 1) % HISTORY_TURNS) : 0;
+    if (since == 0)
         denoiser_filter(h->denoiser, h->filtered, h->target);
-    const float step = h->followed && !h->moved ? 1.0f / (float)(HISTORY_TURNS - (h->turn + 1) % HISTORY_TURNS) : 1.0f;
+    h->glide = h->slow && h->shows && !h->followed ? HISTORY_GLIDE : 0;
+    h->shows = true;
+    if (h->glide > 0) {
+        history_glide(h, lo);
+        h->turn++;
+        return;
+    }
+    const float step = h->followed && !h->moved ? 1.0f / (float)(HISTORY_TURNS - since) : 1.0f;
 #pragma omp parallel for schedule(static)
     for (uint32_t i = 0; i < h->packets; i++) {
         const float f = h->followed ? h->final[i] : 0.0f;
@@ -334,6 +380,11 @@ double history_error(struct history *h, const float *rgb)
     h->filtered[0] = h->filtered[1] = NULL;
     if (h->followed || !half[0])
         return 0.0;
+    if (h->glide > 0) { /* once it has arrived */
+        h->filtered[0] = half[0];
+        h->filtered[1] = half[1];
+        return 0.0;
+    }
     stated_see(h->stated, rgb, &(struct stated_light){ h->shown, { half[0], half[1] } });
     return stated_error(h->stated);
 }

@@ -26,6 +26,10 @@
 
 #define HISTORY_TURNS 8 /* once a cache exists, a picture samples one packet in so many */
 
+/* Without a cache, the displayed light can glide to the filter's output in so many pictures: the share of the way is
+ * x^2 (3 - 2 x) after x of them, so that it neither jumps nor turns at once. */
+#define HISTORY_GLIDE 16
+
 struct history;
 
 /* Needs 63 bytes per shade point and 28 per pixel. g and denoiser, whose halves take the samples, must outlive it.
@@ -38,6 +42,17 @@ void history_begin(struct history *h, uint64_t key);
 
 /* `still`: the sky is the last picture's; B is then still correct, and w is n / (n + 1). Without a cache only. */
 void history_hold(struct history *h, bool still);
+
+/* After history_begin: the light moves to this picture's in HISTORY_GLIDE steps, of which history_show takes the first,
+ * unless light of another key was displayed before. */
+void history_slow(struct history *h);
+
+/* Whether steps are left. */
+bool history_glides(const struct history *h);
+
+/* Instead of history_add and history_show, while steps are left: takes the next one, and writes the light to lo, as
+ * history_show does. The error is unknown until the last. */
+void history_glide(struct history *h, float *lo);
 
 /* Takes the cache's light for this picture, lo, float[packet_count][3][16]. The caller writes `final` and `changed`
  * before, as relight_cache_versions does; packets whose `final` is 1 get no samples. Without this call the picture has

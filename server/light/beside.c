@@ -98,11 +98,13 @@ bool beside_wanted(const struct set *set, const struct relight_desc *desc)
     return desc->remember && set->facts.casters > 0 && desc->classes & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
 }
 
-static void begin(struct beside *b, uint64_t key, const struct environment *e)
+static void begin(struct beside *b, uint64_t key, const struct environment *e, enum relight_glide glide)
 {
     const uint64_t sky = digest_of(e);
 
     history_begin(b->history, key);
+    if (glide == GLIDE_BEGIN)
+        history_slow(b->history);
     history_hold(b->history, sky == b->sky);
     if (key != b->key || sky != b->sky) {
         memset(b->rest, 0, b->images * b->values * sizeof(float));
@@ -118,7 +120,9 @@ void beside_describe(struct beside *b, const struct environment *e, const struct
 {
     struct eye_paths_desc *eye = &passes->eye[0], *own = &passes->eye_beside;
 
-    begin(b, (uint64_t)desc->classes << 8 | (uint64_t)plan->caustics << 4 | plan->indirect_caustics, e);
+    if (!passes->glides)
+        begin(b, (uint64_t)desc->classes << 8 | (uint64_t)plan->caustics << 4 | plan->indirect_caustics, e,
+              desc->glide);
     passes->beside = b;
     b->grows = relight_plan_later(desc, plan) ? desc : NULL;
     *own = *eye;
@@ -237,10 +241,25 @@ static enum err run_half(struct beside *b, struct passes *s, const struct religh
     return result;
 }
 
+static void add_shown(const struct beside *b, float *lo)
+{
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < b->points; i++)
+        lo[i] += b->shown[i];
+}
+
 enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics, const struct environment *e,
                     const struct picture_passes *passes, struct relight_stats *stats)
 {
     const atomic_bool *cancel = passes->eye_beside.cancel;
+
+    if (!stats->bias && passes->eye_beside.paths > 0)
+        stats->bias = "caustics behind mirrors and glass: no path brings more than a limit";
+    if (passes->glides) {
+        history_glide(b->history, b->shown);
+        add_shown(b, s->lo);
+        return ERR_OK;
+    }
     enum err result = run_stored(b, caustics, e, passes, stats);
 
     for (int k = 0; k < 2 && !result; k++)
@@ -249,14 +268,10 @@ enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics 
         b->sky = 0; /* rest has a part of this picture: it begins anew */
         return result;
     }
-    if (!stats->bias && passes->eye_beside.paths > 0)
-        stats->bias = "caustics behind mirrors and glass: no path brings more than a limit";
     const float *const stored[2] = { b->stored[0], b->stored[1] };
     history_add(b->history, stored, s->lo);
     history_show(b->history, stored, b->shown);
-#pragma omp parallel for schedule(static)
-    for (size_t i = 0; i < b->points; i++)
-        s->lo[i] += b->shown[i];
+    add_shown(b, s->lo);
     return ERR_OK;
 }
 

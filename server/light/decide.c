@@ -1,6 +1,7 @@
 #include "light/decide.h"
 
 #include "base/log.h"
+#include "history/history.h"
 
 #include <math.h>
 
@@ -8,7 +9,7 @@
 #define FIRST_SAMPLES 8     /* of a denoised picture, */
 #define FIRST_OF_ALL 4      /* of the very first one, */
 #define FIRST_PATHS 2       /* and its eye paths */
-#define HURRY_S 1.5         /* from one picture to the next meanwhile: the cache needs the processors, */
+#define HURRY_S 0.5         /* from the end of a glide to the next samples: the cache needs the processors, */
 #define AT_ONCE 2           /* but not before so many pictures (RELIGHT_GIVE_WAY_S) */
 #define BUILDING_SHARE 0.35 /* of the time, for pictures by the cache while it is being computed, */
 #define BUILDING_S 1.0      /* and the longest time from one to the next */
@@ -72,6 +73,7 @@ static struct relight_desc denoised(const struct decider *d, const struct religh
     out.direct.samples = d->cache.pictures == 0 ? FIRST_OF_ALL : FIRST_SAMPLES;
     out.eye_paths = light->eye_paths ? light->eye_paths : FIRST_PATHS;
     out.eye_pairs = d->cache.pictures == 0;
+    out.glide = d->cache.glide > 0 ? GLIDE_ON : d->cache.pictures > 0 ? GLIDE_BEGIN : GLIDE_NONE;
     return out;
 }
 
@@ -160,6 +162,8 @@ double decider_interval_s(const struct decider *d)
         return 0.0;
     if (d->cache.ready)
         return fmin(d->cache.picture_s / BUILDING_SHARE, BUILDING_S);
+    if (d->cache.glide > 0)
+        return 0.0;
     return d->cache.hurried && d->cache.pictures >= AT_ONCE ? HURRY_S : 0.0;
 }
 
@@ -273,6 +277,16 @@ void decider_begin(struct decider *d, struct relighter *r, const struct frame_re
     get_cache(d, r, request, f.indirect); /* to compute it can wait for the first picture */
 }
 
+static void note_denoised(struct decider *d, enum relight_glide glide)
+{
+    if (glide == GLIDE_ON)
+        d->cache.glide--;
+    else
+        d->cache.pictures++;
+    if (glide == GLIDE_BEGIN)
+        d->cache.glide = HISTORY_GLIDE - 1;
+}
+
 void decider_learn(struct decider *d, struct relighter *r, const struct frame_request *request,
                    const struct decision *decision, const struct relight_stats *stats,
                    const struct pilot_stats *measured)
@@ -284,7 +298,7 @@ void decider_learn(struct decider *d, struct relighter *r, const struct frame_re
         note_picture(d, stats);
     }
     if (decision->by == DECIDED_BY_RULE && is_first(d, request)) {
-        d->cache.pictures++;
+        note_denoised(d, decision->light.glide);
         if (d->cache.begun)
             follow_cache(d, r, request);
         else

@@ -50,6 +50,7 @@ struct decider {           /* zero it first; decider_finish frees it */
         double picture_s;         /* seconds per picture with the partly computed cache; smoothed */
         double error;             /* requested relMSE, else that of the last measured frame */
         double share;             /* computed share, as of the last query */
+        unsigned glide;           /* pictures until the last denoised one is displayed in full */
         struct buy last;          /* the last decision; why NULL: none yet */
     } cache;
 };

@@ -352,6 +352,11 @@ static enum err run_points(struct relighter *r, const struct environment *e, con
     const double start = clock_seconds();
     enum err result;
 
+    if (passes->glides) {
+        history_glide(passes->history, r->passes.lo);
+        r->points = r->passes.lo;
+        return ERR_OK;
+    }
     for (int k = 0; k < 2 && split; k++)
         passes_half(passes, k, &halves[k]);
     r->points = r->passes.lo;
@@ -458,7 +463,10 @@ static enum err add_history(struct relighter *r, const struct relight_desc *desc
     if (!r->history)
         return ERR_NOMEM;
     history_begin(r->history, desc->classes);
+    if (desc->glide == GLIDE_BEGIN)
+        history_slow(r->history);
     passes->history = r->history;
+    passes->glides = desc->denoise && desc->glide == GLIDE_ON && history_glides(r->history);
     if (passes->denoiser) /* with random numbers of its own */
         passes->direct.pass = passes->eye[0].pass = passes->eye[1].pass = history_turn(r->history);
     return ERR_OK;

@@ -77,6 +77,12 @@ struct relight_whole {
     const char *bias; /* as in relight_stats */
 };
 
+enum relight_glide {
+    GLIDE_NONE,  /* new light is displayed at once */
+    GLIDE_BEGIN, /* in HISTORY_GLIDE pictures: this one, which takes samples, */
+    GLIDE_ON     /* and the next ones, which only move on; if there is nothing to move to they take samples, too */
+};
+
 struct relight_desc {
     struct direct_desc direct; /* seed, pass and cancel apply to all parts; a reference's samples are per pixel */
     uint32_t classes;          /* PATH_* of paths.h; 0: PATH_BACKGROUND | PATH_DIRECT */
@@ -95,6 +101,7 @@ struct relight_desc {
     bool remember;          /* live pictures: samples of earlier pictures count, too (history.h). With `denoise`, before
                                a cache exists; then until the cache is complete. Caustics (beside.h) keep this
                                afterwards, except with a ground */
+    enum relight_glide glide;          /* with `remember` and `denoise`, of pictures that are not the first */
     struct progress *progress;         /* a progress line that the picture advances by one step; may be NULL. Not for
                                           references */
     const struct relight_whole *whole; /* METHOD_COMPONENTS; NULL: there is none */

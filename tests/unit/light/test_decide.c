@@ -1,4 +1,5 @@
 /* auto and the cache of light transport: what the relighter is told to do, and what becomes of the frames. */
+#include "history/history.h"
 #include "light/decide.h"
 #include "support/kept.h"
 #include "estimators/points.h"
@@ -216,8 +217,16 @@ static void first_pictures_hurry(void **state)
     assert_true(d.cache.begun && decider_interval_s(&d) == 0.0);
     decide(&d, &request, &next);
     assert_true(next.light.denoise && next.light.direct.samples == 2 * first.light.direct.samples);
+    assert_true(first.light.glide == GLIDE_NONE && next.light.glide == GLIDE_BEGIN);
     decider_learn(&d, r, &request, &next, &stats, &(struct pilot_stats){ .seconds = 0.0 });
-    assert_true(decider_interval_s(&d) > 0.0);
+    for (int k = 1; k < HISTORY_GLIDE; k++) { /* its light is displayed step by step, at any rate */
+        assert_true(decider_interval_s(&d) == 0.0);
+        decide(&d, &request, &next);
+        assert_true(next.light.glide == GLIDE_ON);
+        decider_learn(&d, r, &request, &next, &stats, &(struct pilot_stats){ .seconds = 0.0 });
+    }
+    decide(&d, &request, &next);
+    assert_true(decider_interval_s(&d) > 0.0 && (d.cache.ready || next.light.glide == GLIDE_BEGIN));
     relighter_destroy(r);
 }
 

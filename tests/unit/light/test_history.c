@@ -97,6 +97,45 @@ static float shown(const struct rig *r)
                  r->set->gbuffer->entries[0].point % PACKET];
 }
 
+/* From 1 to 1.4 in HISTORY_GLIDE pictures; the smooth step's second differences are at most 6 over their square. Both
+ * halves differ from the light before by less than their noise, so that they weigh a half. */
+static void light_without_a_cache_glides(void **state)
+{
+    struct rig r = rig_make();
+    float was[3] = { 1.0f, 1.0f, 1.0f };
+    (void)state;
+
+    picture(&r, -1.0f, 1.0f, 1.0f);
+    was[1] = was[2] = shown(&r);
+    history_begin(r.history, 1);
+    history_slow(r.history);
+    for (size_t i = 0; i < r.floats; i++) {
+        denoiser_half(r.denoiser, 0)[i] = 1.2f;
+        denoiser_half(r.denoiser, 1)[i] = 1.6f;
+    }
+    history_add(r.history, NULL, NULL);
+    history_show(r.history, NULL, r.lo);
+    const float first = shown(&r) - was[2];
+    assert_true(history_glides(r.history) && first > 0.0f && first < 0.02f);
+    for (int k = 1; k < HISTORY_GLIDE; k++) {
+        was[0] = was[1];
+        was[1] = was[2];
+        was[2] = shown(&r);
+        assert_true(fabsf(was[2] - 2.0f * was[1] + was[0]) < 0.4f * 6.0f / (HISTORY_GLIDE * HISTORY_GLIDE) + 1e-4f);
+        assert_true(history_glides(r.history));
+        history_begin(r.history, 1);
+        history_glide(r.history, r.lo);
+    }
+    assert_false(history_glides(r.history));
+    assert_true(shown(&r) > 1.15f && shown(&r) < 1.45f);
+    history_begin(r.history, 2);
+    history_slow(r.history); /* other light is displayed at once */
+    history_add(r.history, NULL, NULL);
+    history_show(r.history, NULL, r.lo);
+    assert_false(history_glides(r.history));
+    rig_finish(&r);
+}
+
 /* By hand: halves m + x and m - x give V = x^2. Where surfaces differ the filter takes some hundredths of x. */
 static void noise_becomes_the_plain_mean(void **state)
 {
@@ -323,6 +362,7 @@ static void a_history_ends_with_the_finished_cache(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_cancelled_picture_states_no_error),
+    cmocka_unit_test(light_without_a_cache_glides),
     cmocka_unit_test(noise_becomes_the_plain_mean),
     cmocka_unit_test(the_cache_predicts_what_the_sky_changes),
     cmocka_unit_test(packets_take_turns),
