@@ -7,7 +7,6 @@
 #include "ranks/ranks.h"
 #include "team/team.h"
 
-#include <inttypes.h>
 #include <omp.h>
 #include <stdio.h>
 
@@ -106,17 +105,6 @@ enum err job_serve(struct job *j, struct shared *s, struct reason *why)
 
 void job_leave(struct job *j)
 {
-    if (!j->team)
-        return;
-    const struct team_stats s = *team_stats(j->team);
-    if (s.dealt > 0) /* now, since mpirun kills soon after a signal */
-        log_info(
-            "%" PRIu64 " pictures were lit by all ranks, %" PRIu64
-            " of them ordered early: %.1f KB to each rank and %.2f MB from all of them for the "
-            "last; %.2f s for rank 0's parts, %.2f s of waiting for others; G-buffer and caches: %.1f MB on rank 0, at "
-            "most %.1f MB on another",
-            s.dealt, s.early, 1e-3 * (double)s.sent, 1e-6 * (double)s.received, s.part_s, s.wait_s,
-            1e-6 * (double)s.memory, 1e-6 * (double)s.memory_most);
     team_destroy(j->team);
     j->team = NULL;
 }

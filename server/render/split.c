@@ -1,10 +1,6 @@
 /* Frames that all ranks of a job light together. */
 #include "render/render_parts.h"
 
-#include "base/log.h"
-
-#include <inttypes.h>
-
 /* The next frame, decoded while other ranks light this one. */
 static bool look_ahead(void *context, const struct environment **e, const struct relight_desc **request)
 {
@@ -81,16 +77,6 @@ enum err render_split_serve(struct render *r, struct reason *why)
 
 void render_split_end(struct render *r)
 {
-    if (!r->team)
-        return;
-    const struct team_stats s = *team_stats(r->team);
     team_destroy(r->team);
     r->team = NULL;
-    if (ranks_index(r->desc.ranks) == 0 && s.dealt > 0)
-        log_info("%" PRIu64 " pictures by %u ranks, %" PRIu64
-                 " of them ordered early: %.1f KB to each rank and %.2f MB from all of them per picture; "
-                 "%.2f s for rank 0's parts, %.2f s of waiting for others; G-buffer and caches: %.1f MB on rank 0, at "
-                 "most %.1f MB on another",
-                 s.dealt, ranks_count(r->desc.ranks), s.early, 1e-3 * (double)s.sent, 1e-6 * (double)s.received,
-                 s.part_s, s.wait_s, 1e-6 * (double)s.memory, 1e-6 * (double)s.memory_most);
 }

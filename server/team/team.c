@@ -10,6 +10,7 @@
 #include "scene/scene_digest.h"
 #include "team/share.h"
 
+#include <inttypes.h>
 #include <math.h>
 #include <string.h>
 
@@ -68,7 +69,6 @@ static enum err send_order(struct team *t, struct dealt *d, const struct transpo
     if (cache)
         transport_pack_sky(cache, d->e, indirect, bytes + cuts + faces);
     t->stats.sent = sizeof(d->order) + size;
-    t->stats.faces += faces > 0;
     const enum err e = ranks_begin_broadcast(t->desc.ranks, turn_of(t, d), &d->order, sizeof(d->order));
     return e ? e : ranks_begin_broadcast(t->desc.ranks, turn_of(t, d), bytes, size);
 }
@@ -352,12 +352,28 @@ enum err team_create(const struct team_desc *desc, struct team **out, struct rea
     return ERR_OK;
 }
 
+/* On rank 0, before it waits for others: mpirun kills soon after a signal. */
+static void report(const struct team *t)
+{
+    const struct team_stats *s = &t->stats;
+
+    if (t->own > 0 || s->dealt == 0)
+        return;
+    log_info("%" PRIu64 " pictures by %u ranks, %" PRIu64
+             " of them ordered early: %.1f KB to each rank and %.2f MB from "
+             "all of them per picture; %.2f s for rank 0's parts, %.2f s of waiting for others; G-buffer and caches: "
+             "%.1f MB on rank 0, at most %.1f MB on another",
+             s->dealt, t->count, s->early, 1e-3 * (double)s->sent, 1e-6 * (double)s->received, s->part_s, s->wait_s,
+             1e-6 * (double)s->memory, 1e-6 * (double)s->memory_most);
+}
+
 void team_destroy(struct team *t)
 {
     struct order order;
 
     if (!t)
         return;
+    report(t);
     memset(&order, 0, sizeof(order));
     order.kind = ORDER_LEAVE;
     if (t->desc.relighter)
@@ -381,9 +397,4 @@ void team_destroy(struct team *t)
         mem_free(t->out[turn].at);
     }
     mem_free(t);
-}
-
-const struct team_stats *team_stats(const struct team *t)
-{
-    return &t->stats;
 }

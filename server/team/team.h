@@ -26,17 +26,6 @@ struct team_desc {
  * be unchanged; false: there is none, or it is not known yet. */
 typedef bool team_next(void *context, const struct environment **e, const struct relight_desc **request);
 
-struct team_stats {
-    uint64_t dealt;               /* pictures that all ranks have lit */
-    uint64_t early;               /* of these, whose order went out while the picture before was lit */
-    uint64_t sent, received;      /* bytes of the last distributed picture: to each rank, from all ranks */
-    uint64_t faces;               /* distributed pictures that needed the whole sky */
-    uint64_t memory, memory_most; /* of the last one, bytes of G-buffer and caches: of rank 0, and the most of
-                                     another rank */
-    double wait_s;                /* time that rank 0 waited for other ranks, in all distributed pictures */
-    double part_s;                /* seconds of this rank's own parts */
-};
-
 /* Collective. Joins rank 0's relighter to the team. All borrowed objects must outlive the team. ERR_USAGE: the ranks
  * have different scenes. ERR_NOMEM. */
 MUST_CHECK enum err team_create(const struct team_desc *desc, struct team **out, struct reason *why);
@@ -49,10 +38,7 @@ void team_look_ahead(struct team *t, team_next *next, void *context);
 /* Ranks other than 0: lights parts until rank 0 destroys its team. ERR_IO: stopped (ranks_set_stop) before that. */
 MUST_CHECK enum err team_serve(struct team *t, struct reason *why);
 
-/* On rank 0, collective with the end of team_serve on the others. NULL is allowed. */
+/* On rank 0, collective with the end of team_serve on the others; it logs what the pictures took. NULL is allowed. */
 void team_destroy(struct team *t);
-
-/* Valid as long as t. */
-const struct team_stats *team_stats(const struct team *t);
 
 #endif

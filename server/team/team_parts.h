@@ -9,6 +9,16 @@
 
 #define BLOCK (3 * PACKET) /* floats of a packet */
 
+struct team_stats {
+    uint64_t dealt;               /* pictures that all ranks have lit */
+    uint64_t early;               /* of these, whose order went out while the picture before was lit */
+    uint64_t sent, received;      /* bytes of the last distributed picture: to each rank, from all ranks */
+    uint64_t memory, memory_most; /* of the last one, bytes of G-buffer and caches: of rank 0, and the most of
+                                     another rank */
+    double wait_s;                /* time that rank 0 waited for other ranks, in all distributed pictures */
+    double part_s;                /* seconds of this rank's own parts */
+};
+
 /* The first message of a picture, followed by the cuts, the packed sky and the faces. */
 struct order {
     /* prepare: work.cached is the request. Keep: the cuts that follow are the shares from now on. */

@@ -3,8 +3,9 @@
 
 usage: ranks.py BIN [--size WxH] [--frames N] [--rounds N] [--cache-dir DIR] [--only PART,...]
 
-BIN is the folder of the programs. PARTS: speed, memory, bits, links; all by default. Times are by the clock, so nothing else may
-run; runs alternate, and medians of rounds count. The links need root: network namespaces (links.py)."""
+BIN is the folder of the programs. PARTS: speed, memory, bits, many (64 ranks by the model), links; all by default, some ten
+minutes on two processors. Times are by the clock, so nothing else may
+run; runs alternate, and medians of rounds count. many and links need root: network namespaces (links.py)."""
 
 import argparse
 import json
@@ -140,72 +141,140 @@ def bits(jobs):
     return [("methods with the bits of one process on 2, 3 and 4 ranks, by frames and by parts", f"{same} of {len(METHODS)}", "all")]
 
 
-def predict(c, ranks, rate_mbit, delay_ms, processors):
-    """Seconds from picture to picture, and what they are spent on. c: light_s and other_s of a picture on one thread, of which rank 0
-    does the other work; bytes down to each rank, and up from all if each point were sent."""
+def memory_limit(ranks):
+    """The largest share of a rank, as server/team/shares.c limits it."""
+    return (1 + max(0.02, 0.45 / (ranks - 1) ** 3) + 1 / 64) / ranks
+
+
+def period(c, ranks, own, rate, delay, processors):
+    """Seconds from picture to picture when rank 0 lights `own` of the points: the chain of orders, parts and answers, followed until it
+    repeats. Rank 0 sends each order once its own part of the picture before is lit, then waits for the answers to that picture."""
+    part, share = (1 - own) / (ranks - 1), max(1.0, (ranks - 1) / max(processors - 1, 1))
+    carried = c["carry_s"] * (1 - own) * c["up"] / 2  # of processor time, at either end
+    hops = (ranks - 1).bit_length()  # of a broadcast
+    sent = lit = free = begin = 0.0
+    answer, times = 0.0, []
+    for _ in range(60):
+        # Others: the answer to this picture, whose order was sent at `sent`.
+        lit = max(lit, sent + hops * (delay + c["down"] / rate)) + (c["light_s"] * part + carried / (ranks - 1)) * share
+        free = max(free, lit + 2 * delay) + (1 - own) * c["up"] / rate  # a long message is announced, and then asked for
+        answer = free + delay
+        # Rank 0: its own part, the next order, this picture's answers, and what only it does.
+        sent = begin + c["light_s"] * own + c["ahead_s"]
+        begin = max(sent, answer) + carried + c["after_s"]
+        times.append(begin)
+    return (times[-1] - times[-21]) / 20
+
+
+def predict(c, ranks, rate_mbit, delay_ms, processors, highest=None):
+    """Seconds from picture to picture, and what limits them. c: of a picture on one thread, seconds of light, of work on the next one and on
+    this one that only rank 0 has, and of processor time per byte carried; bytes down to each rank, and up if all points were sent. highest: the
+    share of the points that rank 0 lights at most; without, that of memory."""
+    other = c["ahead_s"] + c["after_s"]
     if ranks == 1:
-        return c["light_s"] + c["other_s"], "light"
-    rate, delay, light, other = rate_mbit * 1e6 / 8, delay_ms * 1e-3, c["light_s"], c["other_s"]
-    slow = ranks / min(ranks, processors)  # ranks that share a processor
-    link = c["up"] / rate  # into rank 0, whose link all share
-    others = max(light * slow / (ranks - 1), link)
-    # Rank 0's own part, at which it takes the time of the others, as far from an even share as ranks may go at first.
-    own = min(max((others - other) / (light * slow + others), 0.25 / ranks), 1.75 / ranks)
-    down = c["down"] / rate * (ranks - 1).bit_length()
-    # Orders go out one picture ahead, so half of the way there and back counts, light and bytes included.
-    way = (2 * delay + down + (1 - own) * (light * slow / (ranks - 1) + link)) / 2
-    return max(((light + other) / min(ranks, processors), "processors"), (other + own * light * slow, "rank 0"),
-               ((1 - own) * light * slow / (ranks - 1), "other ranks"), ((1 - own) * link + down, "rank 0's link"), (way, "delay"))
+        return c["light_s"] + other, "light"
+    rate, delay = rate_mbit * 1e6 / 8, delay_ms * 1e-3
+    least, highest = max(0.0, 1 - (ranks - 1) * memory_limit(ranks)), highest or memory_limit(ranks)
+    owns = [least + (highest - least) * k / 100 for k in range(101)]
+    took, own = min((max(period(c, ranks, own, rate, delay, min(ranks, processors)),
+                         (c["light_s"] + other + c["carry_s"] * (1 - own) * c["up"]) / min(ranks, processors)), own) for own in owns)
+    part = (1 - own) / (ranks - 1)
+    return took, max(((c["light_s"] + other + c["carry_s"] * (1 - own) * c["up"]) / min(ranks, processors), "processors"),
+                     (other + own * c["light_s"] + c["carry_s"] * (1 - own) * c["up"] / 2, "rank 0"), (part * c["light_s"], "other ranks"),
+                     ((1 - own) * c["up"] / rate, "rank 0's link"), (0.9 * took, "delay"))[1]
 
 
-def constants(jobs, size, half):
-    """Of one process with one thread, and of two ranks without a network between them."""
+def busy_s():
+    """Processor time that this machine has spent."""
+    user, nice, system, _, _, irq, softirq = map(int, Path("/proc/stat").read_text().split()[1:8])
+    return (user + nice + system + irq + softirq) / os.sysconf("SC_CLK_TCK")
+
+
+def constants(jobs, size, half=False):
+    """Stages: of two ranks that share out frames, so that both processors are busy. Carrying: the processor time of a job by parts over a link
+    without limits, beyond these stages."""
     stats = jobs.work / "stats.json"
     jobs.compute_cache(size)
-    jobs.render(started(1), 12, "--method", "cached", "--threads", "1", "--stats", str(stats), size=size)
-    ms = [entry["ms"] for entry in json.loads(stats.read_text())[2:]]
+    jobs.render(started(2), 40, "--method", "cached", "--threads", "1", "--stats", str(stats), size=size)
+    entries = json.loads(stats.read_text())
+    ms = [entry["ms"] for entry in entries[6:]]
     median = lambda *names: 1e-3 * statistics.median(sum(m[name] for name in names) for m in ms)
-    points = json.loads(stats.read_text())[0]["gbuffer"]["shade_points"]
-    jobs.render(started(2), SETTLED, "--method", "cached", "--threads", "1", "--split-frames", size=size)
-    down = float(SUMMARY.search(jobs.log)[1]) * 1e3
-    return {"light_s": median("shade"), "other_s": median("decode", "rebuild", "resolve", "write"), "down": down,
-            "up": points * 3 * (2 if half else 4) * 1.03}  # packets are not quite full; headers
+    c = {"light_s": median("shade"), "ahead_s": median("decode", "rebuild"), "after_s": median("resolve", "write"), "carry_s": 0.0,
+         "up": entries[0]["gbuffer"]["shade_points"] * 3 * (2 if half else 4) * 1.03}  # packets are not quite full; headers
+    spent = []
+    with net.Links(2, 100000, 0.0) as joined:
+        for frames in (SETTLED, SETTLED + 40):
+            start = busy_s()
+            jobs.render(joined.command([]), frames, "--method", "cached", "--threads", "1", "--split-frames", size=size)
+            spent.append(busy_s() - start)
+    down, back = map(float, SUMMARY.search(jobs.log).groups())
+    c["down"] = down * 1e3
+    c["carry_s"] = max(0.0, (spent[1] - spent[0]) / 40 - c["light_s"] - c["ahead_s"] - c["after_s"]) / (back * 1e6)
+    return c
+
+
+def most_points(jobs, ranks, size, up):
+    """The share of the points that rank 0 takes if the link is slow: what the limit of memory allows, which counts bytes."""
+    with net.Links(ranks, 50, 0.0) as joined:
+        jobs.render(joined.command([]), SETTLED + 8, "--method", "cached", "--threads", "1", "--split-frames", size=size)
+    return 1 - float(SUMMARY.search(jobs.log)[2]) * 1e6 / up
 
 
 def links(jobs):
-    size, worst = jobs.options.link_size, 0.0
-    c = constants(jobs, size, half=False)
-    print(f"Model, {size}: light {1e3 * c['light_s']:.1f} ms, rank 0's other work {1e3 * c['other_s']:.1f} ms, {1e-3 * c['down']:.1f} KB "
-          f"to each rank, {1e-6 * c['up']:.2f} MB of floats for all points.\n")
+    size, offs, counts = jobs.options.link_size, [], list(map(int, jobs.options.ranks.split(",")))
+    c = constants(jobs, size)
+    most = {ranks: most_points(jobs, ranks, size, c["up"]) for ranks in counts}
+    print(f"Model, {size}: light {1e3 * c['light_s']:.1f} ms, rank 0 alone {1e3 * c['ahead_s']:.1f} ms ahead and {1e3 * c['after_s']:.1f} ms "
+          f"afterwards, {1e9 * c['carry_s']:.2f} ns a byte for carrying, {1e-3 * c['down']:.1f} KB to each rank, {1e-6 * c['up']:.2f} MB of floats "
+          f"for all points; rank 0 lights at most {', '.join(f'{most[n]:.2f} of {n}' for n in counts)} ranks.\n")
     print("| ranks | Mbit/s | delay, ms | measured, ms a picture | model | | what limits |\n|---|---|---|---|---|---|---|")
     for rate in (100, 1000):
         for delay in map(float, jobs.options.delays.split(",")):
-            for ranks in map(int, jobs.options.ranks.split(",")):
+            for ranks in counts:
                 with net.Links(ranks, rate, delay) as joined:
                     took = jobs.frame_s(joined.command([]), "--method", "cached", "--threads", "1", "--split-frames", size=size)
-                want, limit = predict(c, ranks, rate, delay, CPUS)
-                off = want / took - 1
-                worst = max(worst, abs(off))
-                print(f"| {ranks} | {rate} | {delay} | {1e3 * took:.1f} | {1e3 * want:.1f} | {100 * off:+.0f} % | {limit} |", flush=True)
-    return [("model against measurement at these rates and delays: worst", f"{100 * worst:.0f} %", "15 %")]
+                want, limit = predict(c, ranks, rate, delay, CPUS, most[ranks])
+                offs.append(want / took - 1)
+                print(f"| {ranks} | {rate} | {delay} | {1e3 * took:.1f} | {1e3 * want:.1f} | {100 * offs[-1]:+.0f} % | {limit} |", flush=True)
+    within = sum(abs(off) <= 0.15 for off in offs)
+    return [(f"model against measurement at these rates and delays: range; within 15 %",
+             f"{100 * min(offs):+.0f} to {100 * max(offs):+.0f} %; {within} of {len(offs)}", "15 %")]
+
+
+def many(jobs):
+    """64 ranks at 3840x2160 by the model: what grows with the points is measured at a smaller size, and scaled."""
+    width, height = map(int, jobs.options.size.split("x"))
+    scale, c = 3840 * 2160 / (width * height), constants(jobs, jobs.options.size, half=True)
+    large = dict(c, light_s=c["light_s"] * scale, after_s=c["after_s"] * scale, up=c["up"] * scale)
+    print(f"64 ranks of one thread, 3840x2160, half floats: light {large['light_s']:.2f} s, {1e3 * large['after_s']:.0f} ms of resolving and JPEG on "
+          f"rank 0, {1e3 * large['carry_s'] * large['up']:.0f} ms of carrying, {1e-6 * large['up']:.0f} MB from all. One rank: "
+          f"{predict(large, 1, 0, 0, 64)[0]:.2f} s a picture.")
+    rows = []
+    for gbit in (1, 10, 100):
+        took, limit = predict(large, 64, 1000 * gbit, 0.05, 64)
+        rows.append((f"64 ranks, 3840x2160, {gbit} Gbit/s, by the model", f"{took:.2f} s a picture; {limit}", "stated"))
+    return rows
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bin")
     parser.add_argument("--size", default="1280x720")
-    parser.add_argument("--frames", type=int, default=30)
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--frames", type=int, default=24)
+    parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--cache-dir")
     parser.add_argument("--link-size", default="640x360")
     parser.add_argument("--delays", default="0.1,1,5", help="ms, one way")
     parser.add_argument("--ranks", default="2,3,4")
-    parser.add_argument("--only", default="speed,memory,bits,links")
+    parser.add_argument("--only", default="speed,memory,bits,many,links")
     options = parser.parse_args()
+    model = re.search("model name.*: (.*)", Path("/proc/cpuinfo").read_text())
+    commit = subprocess.run(["git", "-C", Path(__file__).parent, "describe", "--always", "--dirty"], capture_output=True, text=True).stdout.strip()
+    print(f"{time.strftime('%Y-%m-%d')}, commit {commit}, {CPUS} processors, {model[1] if model else 'unknown'}\n", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         jobs = Jobs(options, Path(folder))
         for part in options.only.split(","):
-            rows = {"speed": speed, "memory": memory, "bits": bits, "links": links}[part](jobs)
+            rows = {"speed": speed, "memory": memory, "bits": bits, "links": links, "many": many}[part](jobs)
             print("\n| what | measured | target |\n|---|---|---|")
             for what, measured, target in rows:
                 print(f"| {what} | {measured} | {target} |", flush=True)
