@@ -168,7 +168,7 @@ enum err team_choose_shares(struct team *t, const struct transport *cache)
     if (!e)
         team_limit_shares(before, packets, most, t->count, places);
     for (uint32_t k = 1; k < t->count && !e; k++) { /* among what ranks have */
-        const uint32_t old = t->shares[k], low = old > reach ? old - reach : 0;
+        const uint32_t old = t->shares[k], low = old > reach ? old - reach + BLOCK_PACKETS : 0;
         const uint32_t place = places[k] < low ? low : places[k] > old + reach ? old + reach : places[k];
         t->shares[k] = transport_cut(cache, place < packets ? place : packets);
     }
