@@ -50,7 +50,7 @@ static const struct setting rows[] = {
       NULL, FRAMES, TEXT, AT(out) },
     { "rate", "N", "frames per second; 0: as fast as the server accepts them", "0", BEHAVIOUR, REAL(0.0, 1000.0),
       AT(feeder.rate) },
-    { "lockstep", NULL, "exactly one picture per frame, stored by relight-record --recorder", NULL, BEHAVIOUR, SWITCH,
+    { "lockstep", NULL, "exactly one image per frame, stored by relight-record --recorder", NULL, BEHAVIOUR, SWITCH,
       AT(feeder.lockstep) },
     { "sequence", "NAME", "name of the lockstep sequence", "default", BEHAVIOUR, TEXT, AT(feeder.sequence) },
     { "json", NULL, "print a summary as one JSON object on standard output", NULL, .section = "Messages", SWITCH,

@@ -306,17 +306,16 @@ static const struct setting rows[] = {
     { "format", "F", "form of the files; default: by the ending of PATTERN, exr-float for .exr", NULL, OUTPUT,
       CHOICE(format_choices), AT(format) },
     { "quality", "Q", "JPEG quality, 1 to 100; default: the server's", NULL, OUTPUT, WHOLE(1, 100), AT(quality) },
-    { "index", "FILE", "append a JSON line per picture: frame, file, times, latency", NULL, OUTPUT, TEXT,
+    { "index", "FILE", "append a JSON line per image: frame, file, times, latency", NULL, OUTPUT, TEXT,
       AT(index_path) },
-    { "frames", "N", "exit after N pictures", NULL, DURATION, WHOLE(1, 0x1p64), AT(wanted) },
-    { "once", NULL, "store the newest picture and exit; PATTERN then needs no number", NULL, DURATION, SWITCH,
-      AT(once) },
+    { "frames", "N", "exit after N images", NULL, DURATION, WHOLE(1, 0x1p64), AT(wanted) },
+    { "once", NULL, "store the newest image and exit; PATTERN then needs no number", NULL, DURATION, SWITCH, AT(once) },
     { "lockstep", NULL,
-      "store one picture for each frame of relight-feed --lockstep, until it ends (--token of role recorder)", NULL,
+      "store one image for each frame of relight-feed --lockstep, until it ends (--token of role recorder)", NULL,
       BEHAVIOUR, SWITCH, AT(lockstep) },
     { "recorder", "NAME", "the same for the sequence of this name; --lockstep alone means 'default'", NULL, BEHAVIOUR,
       TEXT, AT(recorder) },
-    { "max-rate", "N", "maximum pictures per second; 0: no limit", "0", BEHAVIOUR, REAL(0.0, 1000.0), AT(max_rate) },
+    { "max-rate", "N", "maximum images per second; 0: no limit", "0", BEHAVIOUR, REAL(0.0, 1000.0), AT(max_rate) },
     { "json", NULL, "print a summary as one JSON object on standard output", NULL, .section = "Messages", SWITCH,
       AT(json) },
     { .name = NULL },
@@ -383,9 +382,9 @@ static enum err check_options(struct record *r, struct reason *why)
     if (!e && r->recorder && !message_is_sequence_name(r->recorder))
         e = err_say(why, ERR_USAGE, "--recorder '%s' is not 1 to 64 letters, digits, '.', '_' or '-'", r->recorder);
     if (!e && r->recorder && r->once)
-        e = err_say(why, ERR_USAGE, "--once and lockstep exclude each other: lockstep stores every picture");
+        e = err_say(why, ERR_USAGE, "--once and lockstep exclude each other: lockstep stores every image");
     if (!e && r->recorder && r->max_rate > 0.0)
-        e = err_say(why, ERR_USAGE, "--max-rate and lockstep exclude each other: lockstep stores every picture");
+        e = err_say(why, ERR_USAGE, "--max-rate and lockstep exclude each other: lockstep stores every image");
     return e ? e : journal_open(&r->journal, r->index_path, why);
 }
 
@@ -434,7 +433,7 @@ int main(int argc, char **argv)
     struct command command = {
         .name = "relight-record",
         .synopsis = "--out PATTERN [--from ws://HOST:PORT] [flags]",
-        .about = "Stores the pictures of a relightd as files, written atomically and named by the number of the frame\n"
+        .about = "Stores the images of a relightd as files, written atomically and named by the number of the frame\n"
                  "that lit it; a repeated number replaces its file. Reconnects when the connection is lost.\n"
                  "Exit code: 0 everything requested is stored (without --frames and --lockstep: until Ctrl-C),\n"
                  "1 not everything, 2 wrong usage, 3 refused by the server (role, token, version, or already taken).",

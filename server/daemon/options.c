@@ -2,6 +2,7 @@
 
 #include "base/setting_table.h"
 #include "publish/publish.h"
+#include "ranks/ranks.h"
 #include "video/h264.h"
 
 #include <stdio.h>
@@ -39,10 +40,10 @@ static const struct setting table[] = {
       REAL(1e-9, 10.0), OR_WORD(off_choices), AT(converge.error) },
     { "converge-passes", "N", "or until it has this many passes of --samples samples", "4096", RENDERING,
       WHOLE(2, 1u << 20), AT(converge.passes) },
-    { "max-picture-seconds", "N", "refuse settings from controllers by which a picture would take longer", "10",
+    { "max-picture-seconds", "N", "refuse settings from controllers by which an image would take longer", "10",
       RENDERING, REAL(0.1, 86400.0), AT(picture_s) },
-    { "part-floats", "F", "as a job of mpirun: numbers in which ranks send the light of their parts of a picture",
-      "auto", RENDERING, CHOICE(part_choices), AT(part_floats) },
+    { "part-floats", "F", "as a job of mpirun: numbers in which ranks send the light of their parts of an image",
+      "auto", RENDERING, .needs = NEEDS_MPI, CHOICE(part_choices), AT(part_floats) },
     { "bind", "ADDRESS", "address to listen on; other than loopback only with tokens", "127.0.0.1", NETWORK, TEXT,
       AT(server_desc.address) },
     { "port", "P", "port to listen on; 0: any free one", "8080", NETWORK, WHOLE(0, 65535), AT(server_desc.port) },
@@ -60,7 +61,7 @@ static const struct setting table[] = {
     { "no-h264", NULL, "do not offer H.264 to viewers", NULL, NETWORK, .needs = NEEDS_VIEWER_H264, SWITCH_OFF,
       AT(server_desc.h264) },
     { "publish", "URL",
-      "publish live pictures as H.264, to rtmp://, rtsp://, srt://, hls:DIR (for a web server) or record:DIR; may be "
+      "publish live images as H.264, to rtmp://, rtsp://, srt://, hls:DIR (for a web server) or record:DIR; may be "
       "given several times",
       NULL, NETWORK, .needs = NEEDS_MOVIES, TEXTS, AT(publish_urls) },
     { "token-viewer", "T", "token required from viewers", NULL, ACCESS, TEXT, AT(server_desc.tokens[SERVER_VIEWER]),
@@ -127,7 +128,7 @@ void daemon_flags_init(struct daemon_flags *f)
         .lists = { { settings_table, NULL }, { table, NULL } },
     };
     f->command.lacks = (source_has_video() ? 0 : NEEDS_VIDEO) | (h264_available() ? 0 : NEEDS_VIEWER_H264) |
-                       (publish_available(NULL) ? NEEDS_MOVIES : 0);
+                       (publish_available(NULL) ? NEEDS_MOVIES : 0) | (ranks_available() ? 0 : NEEDS_MPI);
     command_begin(&f->command);
     command_default(&f->command, "samples", "16");
     command_default(&f->command, "allow-bias", "1e-2");

@@ -31,7 +31,7 @@ static const struct setting rows[] = {
     { "cached", NULL, "also measure the cache of light transport, which takes minutes", NULL, .section = "Measurement",
       SWITCH, AT(cached) },
     { "cached-only", NULL, "measure that cache alone", NULL, .section = "Measurement", SWITCH, AT(cached_only) },
-    { "first-minute", NULL, "measure how the error of a live picture falls while its cache is computed, instead", NULL,
+    { "first-minute", NULL, "measure how the error of a live image falls while its cache is computed, instead", NULL,
       .section = "Measurement", SWITCH, AT(first_minute) },
     { "speed", NULL, "measure the cost of images by the cache for several scenes and skies in one table, instead", NULL,
       .section = "Measurement", SWITCH, AT(speed) },

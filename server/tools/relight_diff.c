@@ -44,7 +44,7 @@ struct diff {
 #define AT(field) SETTING_AT(diff, field)
 
 static const struct setting rows[] = {
-    { "mask", "FILE", "a picture of the same size: where it is black, pixels are left out", NULL, COMPARED, TEXT,
+    { "mask", "FILE", "an image of the same size: where it is black, pixels are left out", NULL, COMPARED, TEXT,
       AT(mask_path) },
     { "trim", "SHARE", "share of the worst pixels that the second relMSE leaves out", "0.02", COMPARED, REAL(0.0, 1.0),
       AT(trim) },
@@ -281,7 +281,7 @@ int main(int argc, char **argv)
     struct command command = {
         .name = "relight-diff",
         .synopsis = "PICTURE REFERENCE [--map FILE] [--max-relmse X] ...",
-        .about = "Compares two linear pictures (OpenEXR or Radiance .hdr): the ratio of their means, relMSE = mean((x "
+        .about = "Compares two linear images (OpenEXR or Radiance .hdr): the ratio of their means, relMSE = mean((x "
                  "- r)^2 /\n"
                  "(r^2 + 0.01 mean(r)^2)) over channels and pixels, and, after one tone map on both (filmic, the "
                  "reference's\n"

@@ -79,9 +79,9 @@ static const struct setting rows[] = {
       "also write which pixels changed since the last frame: .png; red: changed, green: light computed, blue: rays "
       "traced towards the sun (--method cached)",
       NULL, OUTPUT, TEXT, AT(desc.changes) },
-    { "resume", NULL, "keep pictures that are there already, as after an interruption, and render the others", NULL,
+    { "resume", NULL, "keep images that are there already, as after an interruption, and render the others", NULL,
       OUTPUT, SWITCH, AT(desc.resume) },
-    { "collect", NULL, "as a job of mpirun: rank 0 writes the pictures of all ranks, where they share no file system",
+    { "collect", NULL, "as a job of mpirun: rank 0 writes the images of all ranks, where they share no file system",
       NULL, OUTPUT, .needs = NEEDS_MPI, SWITCH, AT(desc.collect) },
     { "split-frames", NULL, "as a job of mpirun: all ranks light each frame together, instead of one rank per frame",
       NULL, RENDERING, .needs = NEEDS_MPI, SWITCH, AT(desc.split) },
@@ -104,7 +104,7 @@ static const struct setting rows[] = {
       "with --annual: measure illuminance there; a file with a line 'x y z nx ny nz' each (metres), or "
       "grid:SURFACE,spacing=0.5,height=0.8,margin=0",
       NULL, OUTPUT, TEXT, AT(annual.sensors) },
-    { "pictures", "HOURS", "with --annual: pictures of these hours, MM-DDTHH:MM with commas between; seasons; or none",
+    { "pictures", "HOURS", "with --annual: images of these hours, MM-DDTHH:MM with commas between; seasons; or none",
       "seasons", OUTPUT, TEXT, AT(annual.pictures) },
     { "luminance", "W", "with --annual and --calibrate: luminance and illuminance from red, green and blue", "rec709",
       OUTPUT, CHOICE(luminance_choices), AT(weights) },
@@ -149,7 +149,7 @@ static enum err check_denoise(const struct render *r, struct reason *why)
                        method_name(method));
     if (r->desc.target.seconds > 0.0 || r->desc.target.error > 0.0)
         return err_say(why, ERR_USAGE,
-                       "--denoise takes --samples and --eye-paths, not --fps or --error, which measure pictures "
+                       "--denoise takes --samples and --eye-paths, not --fps or --error, which measure images "
                        "without a filter");
     return ERR_OK;
 }
@@ -169,8 +169,7 @@ static enum err check_layers(const struct render *r, struct reason *why)
     if (r->desc.target.seconds > 0.0 || r->desc.target.error > 0.0)
         return err_say(why, ERR_USAGE, "--layers takes --samples and --eye-paths, not --fps or --error");
     if (r->desc.output.alpha)
-        return err_say(why, ERR_USAGE,
-                       "--layers and --alpha exclude each other: layers are parts of the whole picture");
+        return err_say(why, ERR_USAGE, "--layers and --alpha exclude each other: layers are parts of the whole image");
     return ERR_OK;
 }
 
@@ -234,7 +233,7 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
                 return err_say(why, ERR_USAGE, "--%s has no meaning with --annual", others[k]);
         if (command_get(c, "split-frames") || command_get(c, "collect"))
             return err_say(why, ERR_USAGE,
-                           "--split-frames and --collect are for sequences of pictures, not for --annual");
+                           "--split-frames and --collect are for sequences of images, not for --annual");
         return r->probing ? err_say(why, ERR_USAGE, "--probe has no meaning with --annual") : ERR_OK;
     }
     r->desc.output.pattern = command_get(c, "out");
