@@ -269,52 +269,6 @@ bool eye_paths_can_find(const struct scene *scene, const struct eye_paths_desc *
     return ((desc->classes | desc->behind_classes) & classes_in(scene)) != 0;
 }
 
-/* Whether light at lanes l and l + 1 is nearly the same but for their colours: points of one surface whose normals
- * agree within 8 degrees, in a plane within 6. */
-static bool are_alike(const struct shade_packet *p, uint32_t l)
-{
-    const uint32_t m = l + 1;
-    const struct vec3 a = vec3_make(p->ns_x[l], p->ns_y[l], p->ns_z[l]),
-                      b = vec3_make(p->ns_x[m], p->ns_y[m], p->ns_z[m]),
-                      to = vec3_make(p->x[m] - p->x[l], p->y[m] - p->y[l], p->z[m] - p->z[l]);
-    const float off = vec3_dot(to, a);
-
-    return p->kind == LOBE_LAMBERT && m < p->count && p->mesh[l] == p->mesh[m] && p->material[l] == p->material[m] &&
-           p->behind[l] == p->behind[m] && p->layer[l] == p->layer[m] && vec3_dot(a, b) > 0.99f &&
-           off * off <= 0.01f * vec3_dot(to, to);
-}
-
-/* Adds the light that lane `from` has gained since `before` to lane `to`, by their colours. */
-static void share(const struct shade_packet *p, uint32_t from, uint32_t to, const float before[3], float *lo)
-{
-    for (uint32_t c = 0; c < 3; c++)
-        if (p->diffuse[c][from] > 0.0f)
-            lo[c * PACKET + to] += (lo[c * PACKET + from] - before[c]) * p->diffuse[c][to] / p->diffuse[c][from];
-}
-
-/* One packet's points, or one of each two that are alike. Returns the number of rays. */
-static uint64_t shade_lanes(const struct frame_paths *f, const struct shade_packet *p, uint64_t packet,
-                            const struct eye_paths_desc *desc, const uint32_t classes[2], float *lo, uint64_t *paths)
-{
-    const uint32_t own = desc->counts ? desc->counts[packet] : desc->paths;
-    uint64_t rays = 0;
-
-    for (uint32_t l = 0; l < p->count; l++) {
-        const uint32_t wanted = classes[p->behind[l] != 0];
-        const bool both = desc->pairs && l % 2 == 0 && are_alike(p, l);
-        const uint32_t traced = both ? l + (uint32_t)(desc->pass % 2) : l;
-        const float before[3] = { lo[traced], lo[PACKET + traced], lo[2 * PACKET + traced] };
-        if (wanted) {
-            rays += shade_point(f, p, traced, packet * PACKET + traced, own, wanted, NULL, lo);
-            *paths += own;
-        }
-        if (both)
-            share(p, traced, 2 * l + 1 - traced, before, lo);
-        l += both;
-    }
-    return rays;
-}
-
 static void shade_packets(const struct frame_paths *f, const struct gbuffer *g, const struct eye_paths_desc *desc,
                           const uint32_t classes[2], float *lo, struct eye_paths_stats *stats)
 {
@@ -327,9 +281,17 @@ static void shade_packets(const struct frame_paths *f, const struct gbuffer *g, 
 #pragma omp for schedule(dynamic, 4)
         for (uint32_t k = 0; k < packets; k++) {
             const uint32_t i = desc->only ? desc->only->index[k] : k;
+            const struct shade_packet *p = &g->packets[i];
+            const uint32_t own = desc->counts ? desc->counts[i] : desc->paths;
             if (is_cancelled(desc->cancel))
                 continue;
-            rays += shade_lanes(f, &g->packets[i], i, desc, classes, lo + (size_t)i * 3 * PACKET, &paths);
+            for (uint32_t l = 0; l < p->count; l++) {
+                const uint32_t wanted = classes[p->behind[l] != 0];
+                if (!wanted)
+                    continue;
+                rays += shade_point(f, p, l, (uint64_t)i * PACKET + l, own, wanted, NULL, lo + (size_t)i * 3 * PACKET);
+                paths += own;
+            }
             progress_part_step(desc->progress, (uint64_t)EYE_PATH_STEPS * desc->paths);
         }
         denormals_restore(before);

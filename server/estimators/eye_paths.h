@@ -37,9 +37,6 @@ struct eye_paths_desc {
     uint32_t paths;                 /* per shading point, >= 1 */
     const uint32_t *counts;         /* [packet_count]: per packet, 1..paths; NULL: `paths` for all. See direct.h. */
     const struct packet_list *only; /* the packets to shade; NULL: all */
-    bool pairs;          /* of two lanes 2k and 2k + 1 of a matte packet whose points are alike (eye_paths.c), only the
-                            one with the parity of `pass` traces paths, and both take their light, each by its colour:
-                            half the cost, noise that neighbours share, and a small bias */
     double most;         /* limit on a path's contribution, as the sum of its channels: biased. 0: no limit */
     uint64_t seed, pass; /* determine all random numbers; the passes of a seed continue one low-discrepancy sequence, so
                             that their mean converges faster */

@@ -72,7 +72,6 @@ static struct relight_desc denoised(const struct decider *d, const struct religh
     out.denoise = out.remember = true;
     out.direct.samples = d->cache.pictures == 0 ? FIRST_OF_ALL : FIRST_SAMPLES;
     out.eye_paths = light->eye_paths ? light->eye_paths : FIRST_PATHS;
-    out.eye_pairs = d->cache.pictures == 0;
     out.glide = d->cache.glide > 0 ? GLIDE_ON : d->cache.pictures > 0 ? GLIDE_BEGIN : GLIDE_NONE;
     return out;
 }

@@ -89,7 +89,6 @@ struct relight_desc {
     enum plan_estimator caustics, indirect; /* PLAN_AUTO: the plan chooses */
     uint64_t particles;                     /* 0: the plan chooses */
     uint32_t eye_paths;                     /* per shade point; 0: the plan chooses */
-    bool eye_pairs;                         /* two like points share eye paths (eye_paths_desc) */
     enum start_kind start;                  /* of light paths */
     uint64_t cache_bytes;                   /* METHOD_CACHED: memory limit of its cache; 0: CACHE_MEMORY_DEFAULT */
     bool cache_if_kept;     /* only load the cache from a file, never compute it; a missing file is not an error */

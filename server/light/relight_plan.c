@@ -80,7 +80,6 @@ static void add_eye_paths(const struct set *set, const struct bounce *bounce, st
         .classes = desc->classes & relight_plan_classes(p, PLAN_EYE),
         .behind_classes = desc->classes & behind,
         .paths = p->eye_paths,
-        .pairs = desc->eye_pairs,
         .seed = rng_mix(desc->direct.seed, 0x657965),
         .pass = desc->direct.pass,
         .cancel = desc->direct.cancel,

@@ -32,7 +32,6 @@ static struct relight_desc live(uint64_t seed, bool first)
     return (struct relight_desc){ .direct = { .method = METHOD_AUTO, .samples = first ? 4 : 8, .seed = seed },
                                   .classes = PATH_ALL,
                                   .eye_paths = 2,
-                                  .eye_pairs = first,
                                   .denoise = true,
                                   .remember = true,
                                   .renew = CAUSTIC_PARTS };

@@ -383,43 +383,6 @@ static void no_path_brings_more_than_the_limit(void **state)
     environment_destroy(e);
 }
 
-/* Like neighbours that share paths: about half the paths, light at every point that has some without, and the same mean
- * light within 1 %. */
-static void pairs_share_paths(void **state)
-{
-    enum { SEEDS = 24 };
-    struct environment *e = sky_environment(sky_with_sun(64, 32, 30.0f), 64, 0.0);
-    struct lit x = lit_create(white_court(), 24, 20);
-    struct tally light[2] = { { 0 } };
-    uint64_t paths[2] = { 0, 0 };
-    double *of[2] = { mem_alloc(x.size, sizeof(double)), mem_alloc(x.size, sizeof(double)) };
-    (void)state;
-
-    assert_true(of[0] && of[1]);
-    for (uint64_t pass = 0; pass < SEEDS; pass++)
-        for (int pairs = 0; pairs < 2; pairs++) {
-            const struct eye_paths_desc desc = { PATH_ALL,       PATH_ALL,         .paths = 64,
-                                                 .pairs = pairs, .seed = pass / 2, .pass = pass };
-            struct eye_paths_stats stats;
-            clear(&x);
-            assert_int_equal(eye_paths_shade(x.scene, x.rays, x.gbuffer, e, &desc, x.lo, &stats), ERR_OK);
-            paths[pairs] += stats.paths;
-            tally_add(&light[pairs], mean_luminance(&x));
-            for (size_t k = 0; k < x.size; k++)
-                of[pairs][k] += (double)x.lo[k];
-        }
-    printf("paths %.3f, light %.4f +- %.4f\n", (double)paths[1] / (double)paths[0],
-           tally_mean(&light[1]) / tally_mean(&light[0]), tally_error(&light[1]) / tally_mean(&light[0]));
-    assert_true((double)paths[1] < 0.65 * (double)paths[0]);
-    assert_float_equal(tally_mean(&light[1]) / tally_mean(&light[0]), 1.0, 0.01);
-    for (size_t k = 0; k < x.size; k++)
-        assert_true((of[0][k] > 0.0) == (of[1][k] > 0.0));
-    mem_free(of[0]);
-    mem_free(of[1]);
-    lit_destroy(&x);
-    environment_destroy(e);
-}
-
 /* Cancelled before it begins, and under a black sky, nothing is added to what was there. */
 static void cancelled_or_black_adds_nothing(void **state)
 {
@@ -483,7 +446,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(classes_add_up_and_keep_to_their_points),
     cmocka_unit_test(same_seed_gives_the_same_bits_at_any_thread_count),
     cmocka_unit_test(no_path_brings_more_than_the_limit),
-    cmocka_unit_test(pairs_share_paths),
     cmocka_unit_test(cancelled_or_black_adds_nothing),
     cmocka_unit_test(passes_continue_one_sequence),
 };
