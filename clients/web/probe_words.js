@@ -74,6 +74,7 @@ export function rows(answer, unit = UNIT) {
   if (pixel) {
     all.push([`From these ${answer.samples} samples`, triple(pixel.radiance), `${unit}; direct light and sky`]);
     all.push(['Converged', withError(pixel.reference), `${unit}; ${pixel.reference.estimates * 256} samples`]);
+    all.push(...partRows(pixel.parts, unit));
     all.push(['Contains', madeOf(pixel), '']);
   }
   if (first && answer.sees !== 'surface') all.push(['First surface', materialWords(first.material), '']);
@@ -89,6 +90,14 @@ export function rows(answer, unit = UNIT) {
   }
   all.push(['Sky frame', String(answer.frame), `method ${answer.method}, ${answer.samples} samples`]);
   return all;
+}
+
+const PARTS = { direct: 'Direct light', indirect: 'Indirect light', caustics: 'Caustics', background: 'Background' };
+
+// What the server knows of the light by class; older ones send nothing.
+function partRows(parts, unit) {
+  return Object.entries(PARTS).filter(([name]) => parts?.[name])
+    .map(([name, label]) => [label, percent(parts[name].share), `${withError(parts[name])} ${unit}`]);
 }
 
 const lobeWords = (lobe) => (lobe.exponent === undefined ? `alpha ${figure(lobe.alpha)}` : `exponent ${figure(lobe.exponent)}`);

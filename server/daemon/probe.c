@@ -1,5 +1,5 @@
 /* Answers queries about a pixel: where its light comes from (PROTOCOL.md 4.15). The shade thread answers between two
- * pictures, because it holds the frame; so queries cannot change a picture. An answer takes some hundredths of a
+ * pictures, because it holds the frame; so queries cannot change a picture. An answer takes about a tenth of a
  * second, and the server passes on only a few queries per second. */
 #include "daemon/shade_parts.h"
 

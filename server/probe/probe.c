@@ -1,4 +1,5 @@
 #include "probe/probe.h"
+#include "probe/probe_parts.h"
 
 #include "base/mem.h"
 #include "base/rng.h"
@@ -396,5 +397,5 @@ enum err probe_run(struct probe *p, const struct probe_desc *desc, struct probe_
     add_escapes(desc, out->radiance, out->background);
     for (int c = 0; c < 3; c++)
         out->reference.mean[c] += out->background[c];
-    return ERR_OK;
+    return desc->figure ? ERR_OK : probe_divide(desc, out);
 }

@@ -9,6 +9,7 @@
 
 #include "estimators/direct.h"
 #include "estimators/direct_log.h"
+#include "estimators/paths.h"
 #include "scene/scatter.h"
 #include "scene/view.h"
 
@@ -39,13 +40,24 @@ struct probe_desc { /* borrowed */
      * without light samples, METHOD_CACHED and references. samples is limited to PROBE_SAMPLES_MAX. only, keep, counts
      * and log are ignored. */
     struct direct_desc direct;
-    uint32_t x, y; /* pixel */
+    uint32_t classes; /* of the image: PATH_* of paths.h; 0: PATH_BACKGROUND | PATH_DIRECT */
+    uint32_t x, y;    /* pixel */
     bool figure; /* use the preset: METHOD_MIS, its number of samples, and a Phong lobe of its exponent at the point */
 };
 
-struct probe_mean {           /* independent estimates, each of PROBE_SAMPLES_MAX samples by METHOD_AUTO */
+struct probe_mean {           /* independent estimates; of direct light PROBE_SAMPLES_MAX samples by METHOD_AUTO each */
     double mean[3], error[3]; /* error: standard error of the mean */
     uint32_t estimates;
+};
+
+enum probe_part { PROBE_DIRECT, PROBE_INDIRECT, PROBE_CAUSTICS, PROBE_BACKGROUND, PROBE_PARTS };
+
+/* The pixel's light by class of paths.h, of which only those of the image are computed. Light of lamps is not in it. */
+struct probe_parts {
+    bool known; /* false: the preset, or the pixel shows the ground, which is no sum of them (light/backplate.h) */
+    uint32_t classes;
+    struct probe_mean of[PROBE_PARTS]; /* independent of each other; the background has no error */
+    double share[PROBE_PARTS];         /* of their luminance; their sum is 1, or 0 if all is black */
 };
 
 struct probe_result {
@@ -62,6 +74,7 @@ struct probe_result {
     float radiance[3];           /* summed as in resolve_pixels */
     float background[3];         /* the part that comes directly from the sky */
     struct probe_mean reference; /* of the radiance */
+    struct probe_parts parts;
 
     /* The heaviest shading point; set if points > 0. */
     uint32_t point;            /* packet * 16 + lane, as gbuffer_entry.point */
@@ -83,6 +96,9 @@ void probe_destroy(struct probe *p);                       /* NULL is allowed */
 /* Analyses a pixel. x, y must lie in the image, and the environment must be ready. Uses OpenMP. The probe owns
  * out->log. ERR_NOMEM; errors of direct_shade. */
 MUST_CHECK enum err probe_run(struct probe *p, const struct probe_desc *desc, struct probe_result *out);
+
+/* Whether the part was computed. */
+bool probe_has_part(const struct probe_parts *parts, enum probe_part part);
 
 /* The direction (unit, world) through the centre of a cell of the visibility map. */
 void probe_map_direction(uint32_t column, uint32_t row, float w[3]);

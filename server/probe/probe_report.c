@@ -277,10 +277,27 @@ static const char *sees(const struct probe_result *a)
     return a->points > 0 ? "surface" : a->escapes > 0 ? "sky" : "nothing";
 }
 
+/* By class of light; those that the image does not have are left out. */
+static json_t *parts_json(const struct probe_parts *parts)
+{
+    static const char *const names[PROBE_PARTS] = { "direct", "indirect", "caustics", "background" };
+    json_t *all = parts->known ? json_object() : json_null();
+
+    for (int k = 0; k < PROBE_PARTS; k++) {
+        if (!probe_has_part(parts, (enum probe_part)k))
+            continue;
+        json_t *one = mean_json(&parts->of[k]);
+        json_object_set_new(one, "share", number(parts->share[k]));
+        json_object_set_new(all, names[k], one);
+    }
+    return all;
+}
+
 static json_t *pixel_json(const struct probe_result *a)
 {
-    return json_pack("{s:i, s:i, s:o, s:o, s:o}", "points", (int)a->points, "escapes", (int)a->escapes, "radiance",
-                     triple(a->radiance), "background", triple(a->background), "reference", mean_json(&a->reference));
+    return json_pack("{s:i, s:i, s:o, s:o, s:o, s:o}", "points", (int)a->points, "escapes", (int)a->escapes, "radiance",
+                     triple(a->radiance), "background", triple(a->background), "reference", mean_json(&a->reference),
+                     "parts", parts_json(&a->parts));
 }
 
 static json_t *first_json(const struct prober *p, const struct probe_result *a)
@@ -348,6 +365,7 @@ enum err prober_report(struct prober *p, const struct environment *e, const stru
         .rays = p->set->rays,
         .environment = e,
         .direct = light->direct,
+        .classes = light->classes,
         .x = q->x,
         .y = q->y,
         .figure = q->figure,

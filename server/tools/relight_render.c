@@ -108,7 +108,7 @@ static const struct setting rows[] = {
       "seasons", OUTPUT, TEXT, AT(annual.pictures) },
     { "luminance", "W", "with --annual and --calibrate: luminance and illuminance from red, green and blue", "rec709",
       OUTPUT, CHOICE(luminance_choices), AT(weights) },
-    { "probe", "X,Y", "print where this pixel's light comes from, one JSON object per frame; makes --out optional",
+    { "probe", "X,Y", "print a pixel's light by kind and by sample, one JSON object per frame; makes --out optional",
       NULL, OUTPUT, TEXT },
     { "probe-samples", "N", "samples of --probe, 1 to 256; default: --samples, at most 256", NULL, OUTPUT,
       WHOLE(1, PROBE_SAMPLES_MAX), AT(probe.samples) },

@@ -120,6 +120,16 @@ test('the table has numbers with units', () => {
   assert.equal(materialWords({ name: 'pane', kind: 'glass', ior: 1.5 }), 'pane, glass, index of refraction 1.5');
 });
 
+test('the table divides the light by class, as far as the server does', () => {
+  const part = (share) => ({ share, mean: [1, 2, 3], error: [0, 0.1, 0], estimates: 16 });
+  const divided = (parts) => rows({ ...answer, pixel: { ...answer.pixel, parts } })
+    .filter(([label]) => /light$|^Caustics$|^Background$/.test(label));
+  assert.deepEqual(divided({ background: part(0), direct: part(0.6), caustics: part(0.4) }).map(([label, value]) => [label, value]),
+    [['Direct light', '60\u00a0%'], ['Caustics', '40\u00a0%'], ['Background', '0\u00a0%']]);
+  assert.match(divided({ indirect: part(1) })[0][2], /^1\u00a0±\u00a00, 2\u00a0±\u00a00\.1, 3\u00a0±\u00a00 W/);
+  assert.deepEqual([divided(null), divided(undefined)], [[], []]);
+});
+
 test('numbers have three significant digits', () => {
   assert.deepEqual([0, 0.012345, 1.2345, 123.45, 123456, -0.5, 1.5e-7, NaN].map(figure),
     ['0', '0.0123', '1.23', '123', '1.23e+5', '−0.5', '1.50e−7', '–']);

@@ -353,6 +353,104 @@ static void sky_and_mirror_are_answered(void **state)
     stand_finish(&s);
 }
 
+static bool is_far(const struct stand *s, size_t pixel) /* the end of the floor is seen from there */
+{
+    bool any = false;
+
+    for (uint32_t k = s->gbuffer->entry_first[pixel]; k < s->gbuffer->entry_first[pixel + 1]; k++) {
+        const uint32_t point = s->gbuffer->entries[k].point, l = point % PACKET;
+        const struct shade_packet *at = &s->gbuffer->packets[point / PACKET];
+        any = any || fabsf(at->x[l]) > 50.0f || at->y[l] > 50.0f || fabsf(at->z[l]) > 50.0f;
+    }
+    return any;
+}
+
+/* A floor of albedo a meets a wall, both without end, under a sky of 1 (as in test_path.c): a point has a/2 from the
+ * sky. A matte wall adds interreflection, a/(2 - a) - a/2 by self-similarity, a mirror of reflectance r a caustic, a
+ * r/2. Of a pixel that shows the sky as well, or what a mirror shows, each point and each escape counts by its weight.
+ */
+static void expect_parts(const struct stand *s, uint32_t x, uint32_t y, const double lo[PROBE_PARTS], double counts[])
+{
+    const struct direct_desc way = { .method = METHOD_MIS, .samples = 16, .seed = 7 };
+    struct probe_desc desc = question(s, &way, x, y);
+    const struct gbuffer *g = s->gbuffer;
+    const size_t pixel = (size_t)y * WIDTH + x;
+    double weight = 0.0, escapes = 0.0, all = 0.0, sum = 0.0, radiance = 0.0;
+
+    desc.classes = PATH_ALL;
+    const struct probe_result *a = ask(s, &desc);
+    for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1]; k++)
+        weight += (double)g->entries[k].weight[1];
+    for (uint32_t k = g->escape_first[pixel]; k < g->escape_first[pixel + 1]; k++)
+        escapes += (double)g->escapes[k].weight[1];
+    for (int k = 0; k < PROBE_PARTS; k++)
+        all += k == PROBE_BACKGROUND ? escapes : weight * lo[k];
+    assert_true(a->parts.known);
+    for (int k = 0; k < PROBE_PARTS; k++) {
+        const double want = k == PROBE_BACKGROUND ? escapes : weight * lo[k];
+        const double error = a->parts.of[k].error[1], off = fabs(a->parts.of[k].mean[1] - want);
+        if (off > 5.0 * error + 1e-4)
+            fail_msg("pixel %u, %u, part %d: %g +- %g instead of %g", x, y, k, a->parts.of[k].mean[1], error, want);
+        assert_true(error <= 0.02 * want + 1e-9);
+        assert_true(fabs(a->parts.share[k] - want / all) < 0.02);
+        counts[k] += want > 0.1 * all;
+        sum += a->parts.share[k];
+        radiance += a->parts.of[k].mean[1];
+    }
+    assert_true(fabs(sum - 1.0) < 1e-6);
+    assert_true(fabs(radiance - all) < 0.01 * all);
+}
+
+static void a_pixel_is_divided_as_in_closed_form(void **state)
+{
+    static const float far = 1e5f, a = 0.8f, r = 0.7f;
+    const float sides[2][4][3] = { { { -far, 0, 0 }, { -far, 0, far }, { far, 0, far }, { far, 0, 0 } },
+                                   { { -far, 0, 0 }, { far, 0, 0 }, { far, far, 0 }, { -far, far, 0 } } };
+    static const struct camera aside = { "aside", { 0, 2, 3 }, { 2, 1.8f, 0 }, { 0, 1, 0 }, 1.2f };
+    double counts[PROBE_PARTS] = { 0.0 };
+    (void)state;
+
+    for (int mirror = 0; mirror < 2; mirror++) {
+        const double half = (double)a / 2.0, lo[PROBE_PARTS] = { half, mirror ? 0.0 : half / (1.0 - half) - half,
+                                                                 mirror ? half * (double)r : 0.0 };
+        struct scene *scene = scene_create();
+        add_quads(scene, add_lambert(scene, a), sides[0], 1);
+        add_quads(scene,
+                  mirror ? add_stuff(scene, (struct material){ .kind = MATERIAL_MIRROR, .diffuse = { r, r, r } })
+                         : add_lambert(scene, a),
+                  sides[1], 1);
+        assert_int_equal(scene_finish(scene, "a wedge", NULL), ERR_OK);
+        struct stand s = stand_make(scene, &aside, sky_environment(sky_constant(32, 16, 1.0f), 16, 0.0));
+        for (uint32_t i = 5; i < WIDTH * HEIGHT; i += 113)
+            if (!is_far(&s, i))
+                expect_parts(&s, i % WIDTH, i / WIDTH, lo, counts);
+        stand_finish(&s);
+    }
+    for (int k = 0; k < PROBE_PARTS; k++)
+        assert_true(counts[k] > 5.0);
+}
+
+/* Light that the image does not have is not measured, and the rest sums to 1. */
+static void only_the_light_of_the_image_is_divided(void **state)
+{
+    const struct direct_desc way = { .method = METHOD_MIS, .samples = 16 };
+    struct stand s = stand_corner();
+    struct probe_desc desc = question(&s, &way, 48, 40);
+    (void)state;
+
+    const struct probe_parts direct = ask(&s, &desc)->parts;
+    assert_true(probe_has_part(&direct, PROBE_DIRECT) && !probe_has_part(&direct, PROBE_INDIRECT));
+    assert_true(direct.share[PROBE_INDIRECT] == 0.0 && direct.share[PROBE_CAUSTICS] == 0.0);
+    assert_true(fabs(direct.share[PROBE_DIRECT] + direct.share[PROBE_BACKGROUND] - 1.0) < 1e-6);
+    desc.classes = PATH_INDIRECT;
+    const struct probe_parts indirect = ask(&s, &desc)->parts;
+    assert_true(!probe_has_part(&indirect, PROBE_DIRECT) && indirect.of[PROBE_DIRECT].mean[1] == 0.0);
+    assert_true(indirect.share[PROBE_INDIRECT] == 1.0);
+    desc.figure = true;
+    assert_false(ask(&s, &desc)->parts.known);
+    stand_finish(&s);
+}
+
 /* The reference is within 5 standard errors of 150 other estimates by the paper's method, and its own standard error
  * says how far it is off: over some 30 points the mean of the squared deviations in those units is 1, give or take
  * 0.25; a standard error that is half of what it should be makes it 2 and more. */
@@ -450,6 +548,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(visibility_agrees_with_single_rays),
     cmocka_unit_test(open_is_one_where_nothing_stands),
     cmocka_unit_test(sky_and_mirror_are_answered),
+    cmocka_unit_test(a_pixel_is_divided_as_in_closed_form),
+    cmocka_unit_test(only_the_light_of_the_image_is_divided),
     cmocka_unit_test(the_reference_is_right_within_its_error),
     cmocka_unit_test(the_figure_is_a_preset),
     cmocka_unit_test(a_black_sky_is_answered),

@@ -131,6 +131,32 @@ static void a_report_adds_up(void **state)
     stand_finish(&s);
 }
 
+/* The classes of the image, whose shares add up to 1; with the preset there is no pixel to divide. */
+static void a_report_divides_the_light(void **state)
+{
+    static const struct {
+        uint32_t classes;
+        size_t parts;
+    } ways[] = { { PATH_ALL, 4 }, { 0, 2 }, { PATH_INDIRECT, 1 } };
+    struct stand s = stand_make(sky_constant(64, 32, 0.5f));
+    (void)state;
+
+    for (size_t k = 0; k < sizeof(ways) / sizeof(ways[0]); k++) {
+        const struct relight_desc light = { .direct = { .method = METHOD_MIS, .samples = 16 },
+                                            .classes = ways[k].classes };
+        double sum = 0.0;
+        const char *name;
+        size_t size;
+        json_t *j = report(&s, &light, &(struct probe_request){ .x = 20, .y = 30 }, NULL, &size), *one;
+        const json_t *parts = json_object_get(json_object_get(j, "pixel"), "parts");
+        assert_int_equal(json_object_size(parts), ways[k].parts);
+        json_object_foreach((json_t *)parts, name, one) sum += json_number_value(json_object_get(one, "share"));
+        assert_true(fabs(sum - 1.0) < 1e-6);
+        json_decref(j);
+    }
+    stand_finish(&s);
+}
+
 /* Arguments as one string, split at blanks, for a picture of 320 x 180. */
 static enum err read_line(const char *line, bool *asked, struct probe_request *q, struct reason *why)
 {
@@ -218,9 +244,8 @@ static void flags_are_read_or_refused(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(the_largest_report_fits),
-    cmocka_unit_test(a_report_adds_up),
-    cmocka_unit_test(the_sky_alone_is_that_of_a_report),
+    cmocka_unit_test(the_largest_report_fits),    cmocka_unit_test(a_report_adds_up),
+    cmocka_unit_test(a_report_divides_the_light), cmocka_unit_test(the_sky_alone_is_that_of_a_report),
     cmocka_unit_test(flags_are_read_or_refused),
 };
 
