@@ -1,5 +1,5 @@
 #!/bin/bash
-# Renders the images of README.md: docs/pictures/make.sh [FOLDER OF THE PROGRAMS]
+# Renders the images of README.md and of docs/noise.md: docs/pictures/make.sh [FOLDER OF THE PROGRAMS]
 set -euo pipefail
 here="$(dirname "$(readlink -f "$0")")"
 bin="${1:-$here/../../build/bin}"

@@ -200,7 +200,7 @@ def run_page(page, clone):
 async def commands_of_the_readme_run(folder):
     clone = Path(folder) / "clone"
     furnish(clone)
-    check(run_page(ROOT / "README.md", clone) >= 8, "commands are missing; are they still indented by four spaces?")
+    check(run_page(ROOT / "README.md", clone) >= 6, "commands are missing; are they still indented by four spaces?")
 
 
 async def commands_of_the_pages_run(folder):

@@ -335,10 +335,10 @@ methods_that_cannot_be_are_refused_by_name() {
     [ ! -e "$work/x.exr" ] || fail "a refused method left a picture"
 }
 
-what_the_readme_names_is_there() {
+what_the_index_names_is_there() {
     local root program
     root="$(dirname "$(readlink -f "$0")")/../.."
-    for program in $(sed -n 's/^| `\(relight[a-z-]*\)`.*/\1/p' "$root/README.md"); do
+    for program in $(sed -n 's/^| `\(relight[a-z-]*\)`.*/\1/p' "$root/docs/README.md"); do
         grep -q "add_dependencies(programs.*[ (]$program[ )]" "$root/CMakeLists.txt" ||
             fail "./run does not build $program"
         "$bin/$program" --version >/dev/null || fail "$program does not start"
