@@ -172,10 +172,10 @@ def script_of(block, page):
         if " | " in text and "ffplay" in text:
             text = text.split(" | ")[0] + " >piped"
         server = serves and re.match(r"relightd\b.*&$", text)
-        lines.append(f"# line {number}\n{text[:-1] + '2>server.log &' if server else text}")
+        lines.append(f"# line {number}\n{'rm -f server.log; ' + text[:-1] + '2>server.log &' if server else text}")
         if server: # it takes connections before it can be stopped in good order
             lines.append("server=$!; trap 'kill $server || true; wait $server || { cat server.log >&2; false; }' EXIT\n"
-                         "until grep -q 'listening on' server.log; do kill -0 $server; sleep 0.1; done")
+                         "until grep -qs 'listening on' server.log; do kill -0 $server; sleep 0.1; done")
     return "\n".join(lines), serves
 
 
