@@ -9,14 +9,16 @@
  *
  * h is the B-spline (1, 4, 6, 4, 1) / 16, n the shading normal, d the distance from the point's tangent plane, s twice
  * the width of 2^k pixels there, y the light of the other half and v its variance. Points with other lobes, or seen in
- * a mirror, have weight 0. Since a's weights come from b and b's from a, weights are not correlated with the noise that
- * they average [Rousselle et al. 2012]. The variance is (a - b)^2 / 2, averaged over 7 x 7 points with the first three
- * factors, and then propagated through the levels. Where both halves agree, nothing changes, so sharp sun shadows stay
- * sharp.
+ * a mirror, have weight 0. Where a pixel shows two unlike points (both sides of a leaf, a coat and the surface below,
+ * a pane and what it reflects), the second ones are filtered as an image of their own.
+ * Since a's weights come from b and b's from a, weights are not correlated with the noise that they average [Rousselle
+ * et al. 2012]. The variance is (a - b)^2 / 2, averaged over 7 x 7 points with the first three factors, and then
+ * propagated through the levels. Where both halves agree, nothing changes, so sharp sun shadows stay sharp.
  *
  * Finally, a point that is brighter than all 24 pixels around it is clamped to the brightest of them, unless its halves
- * agree within 3 %. A point in a shadow thinner than the filter, whose halves are both darker than the filtered light y
- * but not black, becomes m + w (y - m): m is the halves' mean, w = min(1, 4 (v / 2) / (m - y)^2) with the averaged v.
+ * agree within 3 %. A directly seen point in a shadow thinner than the filter, whose halves are both darker than the
+ * filtered light y but not black, becomes m + w (y - m): m is the halves' mean, w = min(1, 4 (v / 2) / (m - y)^2) with
+ * the averaged v.
  *
  * The filter is biased where light changes within the noise: docs/internals/where-methods-fail.md. */
 #ifndef FILTER_FILTER_H
@@ -28,7 +30,8 @@
 struct filter;
 
 /* g and v, its camera's view, must outlive the filter. level: the CPU level (base/cpu.h); NULL: the best. Needs 96
- * bytes per pixel, and the same for each additional shade point. NULL when out of memory. */
+ * bytes per pixel, twice that if a pixel shows two unlike points, and 96 for each further shade point.
+ * NULL when out of memory. */
 struct filter *filter_create(const struct gbuffer *g, const struct view *v, const char *level);
 void filter_destroy(struct filter *f); /* NULL is allowed */
 
