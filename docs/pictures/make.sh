@@ -28,7 +28,7 @@ python3 "$here/../examples/product.py" "$parts"
 "$bin/relight-render" --scene "$parts/house.glb" --source sky:date=05-10,time=10:00,latitude=48 --denoise --size 1280x720 \
     --camera '@8.4,1.3,-8.2;6.4,2.35,-4.3;46' --samples 128 --eye-paths 24 --quality 85 --out "$here/leaves.jpg"
 "$bin/relight-render" --scene "$parts/product.json" --source "$parts/studio.hdr" --exposure -0.5 --denoise --size 1280x720 \
-    --samples 48 --eye-paths 32 --particles 16000000 --quality 90 --out "$here/product.jpg"
+    --samples 128 --eye-paths 32 --particles 16000000 --quality 90 --out "$here/product.jpg"
 
 # The denoiser.
 for name in noisy denoised; do
