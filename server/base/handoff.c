@@ -93,6 +93,19 @@ bool handoff_wait_newer(struct handoff *h, int timeout_ms)
     return newer;
 }
 
+/* Moves the newest published slot, if any, to h->taken or h->next. Under the lock. */
+static int take_ready(struct handoff *h, int *to)
+{
+    const int slot = h->closed ? HANDOFF_NONE : h->ready;
+
+    if (slot != HANDOFF_NONE) {
+        *to = slot;
+        h->ready = HANDOFF_NONE;
+        pthread_cond_broadcast(&h->changed);
+    }
+    return slot;
+}
+
 int handoff_take(struct handoff *h, int timeout_ms)
 {
     const struct timespec until = deadline(timeout_ms);
@@ -102,12 +115,7 @@ int handoff_take(struct handoff *h, int timeout_ms)
     while (h->ready == HANDOFF_NONE && !h->closed)
         if (pthread_cond_timedwait(&h->changed, &h->lock, &until) == ETIMEDOUT)
             break;
-    const int slot = h->closed ? HANDOFF_NONE : h->ready;
-    if (slot != HANDOFF_NONE) {
-        h->taken = slot;
-        h->ready = HANDOFF_NONE;
-        pthread_cond_broadcast(&h->changed);
-    }
+    const int slot = take_ready(h, &h->taken);
     pthread_mutex_unlock(&h->lock);
     return slot;
 }
@@ -116,12 +124,7 @@ int handoff_take_early(struct handoff *h)
 {
     pthread_mutex_lock(&h->lock);
     assert(h->taken != HANDOFF_NONE && h->next == HANDOFF_NONE);
-    const int slot = h->closed ? HANDOFF_NONE : h->ready;
-    if (slot != HANDOFF_NONE) {
-        h->next = slot;
-        h->ready = HANDOFF_NONE;
-        pthread_cond_broadcast(&h->changed);
-    }
+    const int slot = take_ready(h, &h->next);
     pthread_mutex_unlock(&h->lock);
     return slot;
 }

@@ -227,6 +227,16 @@ static void textures_stay_sharp(void **state)
     wall_finish(&w);
 }
 
+/* An even wall with noise: hardly any of its variance is left. */
+static void expect_filtered(struct wall *w)
+{
+    light(w, one, 0.5f, 6);
+    run(w, NULL);
+    const double left = error_of(w, one, 0, WIDTH) / (0.25 / 6.0);
+    print_message("%.4f of the variance is left\n", left);
+    assert_true(left < 0.05);
+}
+
 /* A point that a pixel shows beside a larger one is not in the image, but takes its light from there. */
 static void small_points_of_a_pixel_are_filtered_too(void **state)
 {
@@ -238,11 +248,7 @@ static void small_points_of_a_pixel_are_filtered_too(void **state)
         w.g.entries[i].weight[0] = w.g.entries[i].weight[1] = w.g.entries[i].weight[2] = i % 2 ? 0.3f : 0.7f;
         w.g.entry_first[i + 1] = 2 * (i / 2 + 1);
     }
-    light(&w, one, 0.5f, 6);
-    run(&w, NULL);
-    const double left = error_of(&w, one, 0, WIDTH) / (0.25 / 6.0);
-    print_message("%.4f of the variance is left\n", left);
-    assert_true(left < 0.05);
+    expect_filtered(&w);
     wall_finish(&w);
 }
 
@@ -257,11 +263,7 @@ static void expect_both_filtered(void (*make_other)(struct shade_packet *p, uint
         if (i % 2)
             make_other(&w.g.packets[i / PACKET], i % PACKET);
     }
-    light(&w, one, 0.5f, 6);
-    run(&w, NULL);
-    const double left = error_of(&w, one, 0, WIDTH) / (0.25 / 6.0);
-    print_message("%.4f of the variance is left\n", left);
-    assert_true(left < 0.05);
+    expect_filtered(&w);
     wall_finish(&w);
 }
 
