@@ -41,8 +41,10 @@ def words_of(program):
     check(set(flags) == set(re.findall(r"^    '\*?--([a-z0-9-]+)", zsh, re.M)) | {"version"}, f"{program}: zsh")
     check(set(flags) == set(re.findall(r" -l ([a-z0-9-]+)", fish)), f"{program}: fish")
     found = {}
-    for flag, words in re.findall(r"^    --([a-z0-9-]+)\) mapfile -t COMPREPLY < <\(compgen -W '(.*?) help'", bash, re.M):
-        found[flag] = words.split()
+    for flag, words in re.findall(r"^    --([a-z0-9-]+)\) mapfile -t COMPREPLY < <\(compgen -W '(.*?)'", bash, re.M):
+        *found[flag], last = words.split()
+        check(last == "help", f"{program} --{flag}: {words}")
+        words = " ".join(found[flag])
         check(f":({words} help)'" in zsh and f"-l {flag} " in fish and f"-xa '{words} help'" in fish, f"{program} --{flag}: shells")
         check(re.findall(r"^  ([a-z0-9-]+) +\S", printed(program, f"--{flag}", "help"), re.M) == found[flag], f"{program} --{flag} help")
         said = re.search(rf"^  --{flag} [^\n]*", text, re.M)[0]
@@ -59,7 +61,9 @@ def map_for(layout, folder):
 
 async def render_takes_every_word_that_it_offers(folder):
     (folder / "145.mtx").write_text("#?RADIANCE\nNROWS=144\nNCOLS=146\nNCOMP=3\nFORMAT=ascii\n\n" + ("1 1 1 " * 146 + "\n") * 144)
-    for flag, words in words_of("relight-render").items():
+    offered = words_of("relight-render")
+    check({"method", "layout", "tone"} <= set(offered), f"{list(offered)}")
+    for flag, words in offered.items():
         for word in words:
             more = [str(folder / w) if "." in w else w for w in WITH.get(f"{flag} {word}", [])]
             source = [] if "--components" in more else ["--frames", "0", "--source", map_for(word if flag == "layout" else "", folder)]
