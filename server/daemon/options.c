@@ -4,6 +4,7 @@
 #include "publish/publish.h"
 #include "ranks/ranks.h"
 #include "video/h264.h"
+#include "video/movie.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -127,8 +128,8 @@ void daemon_flags_init(struct daemon_flags *f)
         .program = FOR_RELIGHTD,
         .lists = { { settings_table, NULL }, { table, NULL } },
     };
-    f->command.lacks = (source_has_video() ? 0 : NEEDS_VIDEO) | (h264_available() ? 0 : NEEDS_VIEWER_H264) |
-                       (publish_available(NULL) ? NEEDS_MOVIES : 0) | (ranks_available() ? 0 : NEEDS_MPI);
+    f->command.lacks = (source_has_video() ? 0 : NEEDS_VIDEO) | (h264_built() ? 0 : NEEDS_VIEWER_H264) |
+                       (movie_available() ? 0 : NEEDS_MOVIES) | (ranks_available() ? 0 : NEEDS_MPI);
     command_begin(&f->command);
     command_default(&f->command, "samples", "16");
     command_default(&f->command, "allow-bias", "1e-2");
@@ -172,7 +173,7 @@ enum err daemon_config_from_flags(struct daemon_flags *f, struct daemon_config *
         e = read_publish(d, why);
     s->set_desc.progress = true;
     server->push = d->push;
-    server->h264 &= h264_available();
+    server->h264 &= h264_built(); /* loaded for the first viewer; if that fails, viewers go back to JPEG */
     server->controls = settings_table;
     /* With a token for every role any address is allowed. */
     server->allow_remote =

@@ -2,10 +2,8 @@
 
 #include "base/log.h"
 #include "base/mem.h"
+#include "video/ffmpeg.h"
 #include "video/yuv.h"
-
-#include <libavcodec/avcodec.h>
-#include <libavutil/opt.h>
 
 #include <assert.h>
 #include <math.h>
@@ -27,7 +25,12 @@ struct h264_encoder {
 
 static const AVCodec *find(void)
 {
-    return avcodec_find_encoder_by_name("libx264");
+    return ffmpeg() ? ffmpeg()->avcodec_find_encoder_by_name("libx264") : NULL;
+}
+
+bool h264_built(void)
+{
+    return true;
 }
 
 bool h264_available(void)
@@ -41,10 +44,10 @@ struct h264_encoder *h264_encoder_create(void)
 
     if (!h)
         return NULL;
-    av_log_set_level(AV_LOG_QUIET); /* it would log every opening; errors are returned anyway */
+    ffmpeg()->av_log_set_level(AV_LOG_QUIET); /* it would log every opening; errors are returned anyway */
     h->codec = find();
-    h->frame = av_frame_alloc();
-    h->packet = av_packet_alloc();
+    h->frame = ffmpeg()->av_frame_alloc();
+    h->packet = ffmpeg()->av_packet_alloc();
     if (!h->frame || !h->packet) {
         h264_encoder_destroy(h);
         return NULL;
@@ -56,9 +59,9 @@ void h264_encoder_destroy(struct h264_encoder *h)
 {
     if (!h)
         return;
-    avcodec_free_context(&h->context);
-    av_frame_free(&h->frame);
-    av_packet_free(&h->packet);
+    ffmpeg()->avcodec_free_context(&h->context);
+    ffmpeg()->av_frame_free(&h->frame);
+    ffmpeg()->av_packet_free(&h->packet);
     mem_free(h);
 }
 
@@ -82,7 +85,7 @@ static enum err set_up(AVCodecContext *c)
     };
 
     for (size_t i = 0; i < sizeof(options) / sizeof(options[0]); i++)
-        if (av_opt_set(c->priv_data, options[i].key, options[i].value, 0) < 0)
+        if (ffmpeg()->av_opt_set(c->priv_data, options[i].key, options[i].value, 0) < 0)
             return ERR_UNSUPPORTED;
     /* The input is sRGB with BT.709 primaries; declare it explicitly. */
     c->pix_fmt = AV_PIX_FMT_YUV420P;
@@ -119,44 +122,44 @@ static void set_cap(struct h264_encoder *h, const struct h264_desc *desc)
 
 static enum err open_for(struct h264_encoder *h, int width, int height, const struct h264_desc *desc)
 {
-    avcodec_free_context(&h->context);
-    av_frame_unref(h->frame);
+    ffmpeg()->avcodec_free_context(&h->context);
+    ffmpeg()->av_frame_unref(h->frame);
     h->count = 0;
-    h->context = avcodec_alloc_context3(h->codec);
+    h->context = ffmpeg()->avcodec_alloc_context3(h->codec);
     if (!h->context)
         return ERR_NOMEM;
     h->context->width = width;
     h->context->height = height;
     enum err e = set_up(h->context);
     set_cap(h, desc);
-    if (!e && (av_opt_set_double(h->context->priv_data, "crf", rate_factor(desc->quality), 0) < 0 ||
-               avcodec_open2(h->context, h->codec, NULL) < 0))
+    if (!e && (ffmpeg()->av_opt_set_double(h->context->priv_data, "crf", rate_factor(desc->quality), 0) < 0 ||
+               ffmpeg()->avcodec_open2(h->context, h->codec, NULL) < 0))
         e = ERR_UNSUPPORTED;
     h->frame->width = width;
     h->frame->height = height;
     h->frame->format = AV_PIX_FMT_YUV420P;
-    if (!e && av_frame_get_buffer(h->frame, 0) < 0)
+    if (!e && ffmpeg()->av_frame_get_buffer(h->frame, 0) < 0)
         e = ERR_NOMEM;
     if (e)
-        avcodec_free_context(&h->context);
+        ffmpeg()->avcodec_free_context(&h->context);
     return e;
 }
 
 /* One frame in, one out. After an error the encoder is reopened, so that no later frame depends on the failed one. */
 static enum err run(struct h264_encoder *h, bool key)
 {
-    av_packet_unref(h->packet);
+    ffmpeg()->av_packet_unref(h->packet);
     h->frame->pts = h->count;
     h->frame->pict_type = key ? AV_PICTURE_TYPE_I : AV_PICTURE_TYPE_NONE;
-    int failed = avcodec_send_frame(h->context, h->frame);
+    int failed = ffmpeg()->avcodec_send_frame(h->context, h->frame);
     if (!failed)
-        failed = avcodec_receive_packet(h->context, h->packet);
+        failed = ffmpeg()->avcodec_receive_packet(h->context, h->packet);
     if (!failed) {
         h->count++;
         return ERR_OK;
     }
     log_debug("libavcodec: error %d at frame %lld", failed, (long long)h->count);
-    avcodec_free_context(&h->context);
+    ffmpeg()->avcodec_free_context(&h->context);
     return failed == AVERROR(ENOMEM) ? ERR_NOMEM : ERR_UNSUPPORTED;
 }
 
@@ -172,7 +175,7 @@ enum err h264_encode(struct h264_encoder *h, const uint8_t *rgb, const struct h2
     if (!h->context || h->context->width != width || h->context->height != height)
         e = open_for(h, width, height, desc);
     /* The encoder may still reference the last frame's planes. */
-    if (!e && av_frame_make_writable(h->frame) < 0)
+    if (!e && ffmpeg()->av_frame_make_writable(h->frame) < 0)
         e = ERR_NOMEM;
     if (e)
         return e;
@@ -182,7 +185,7 @@ enum err h264_encode(struct h264_encoder *h, const uint8_t *rgb, const struct h2
         &(struct yuv_planes){ f->data[0], f->data[1], f->data[2], f->linesize[0], f->linesize[1], f->linesize[2] });
     if (h->count > 0)
         set_cap(h, desc);
-    if (av_opt_set_double(h->context->priv_data, "crf", rate_factor(desc->quality), 0) < 0)
+    if (ffmpeg()->av_opt_set_double(h->context->priv_data, "crf", rate_factor(desc->quality), 0) < 0)
         return ERR_UNSUPPORTED;
     e = run(h, desc->key || h->count == 0);
     if (e)

@@ -11,7 +11,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Whether this build supports H.264 and the encoder is available. Thread: any. */
+/* Whether this build supports H.264. Thread: any. */
+bool h264_built(void);
+
+/* Whether the encoder is on this machine too; loads it (ffmpeg.h). Thread: any. */
 bool h264_available(void);
 
 struct h264_encoder;

@@ -1,5 +1,10 @@
 #include "video/h264.h"
 
+bool h264_built(void)
+{
+    return false;
+}
+
 bool h264_available(void)
 {
     return false;

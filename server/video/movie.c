@@ -2,12 +2,10 @@
 
 #include "base/file_store.h"
 #include "base/mem.h"
+#include "video/ffmpeg.h"
 #include "video/h264.h"
 #include "video/mux.h"
 #include "video/yuv.h"
-
-#include <libavcodec/avcodec.h>
-#include <libavutil/opt.h>
 
 #include <math.h>
 #include <stdio.h>
@@ -52,7 +50,7 @@ static enum err say_refused(const struct movie *m, struct reason *why)
 static bool set_all(void *encoder, const char *const (*pairs)[2])
 {
     for (; (*pairs)[0]; pairs++)
-        if (av_opt_set(encoder, (*pairs)[0], (*pairs)[1], 0) < 0)
+        if (ffmpeg()->av_opt_set(encoder, (*pairs)[0], (*pairs)[1], 0) < 0)
             return false;
     return true;
 }
@@ -69,7 +67,7 @@ static bool set_h264(const struct movie *m)
     void *o = m->encoder->priv_data;
 
     return set_all(o, any) && (!m->desc.pq || set_all(o, hdr)) &&
-           av_opt_set_double(o, "crf", 38.0 - 0.2 * m->desc.quality, 0) >= 0; /* as h264.c */
+           ffmpeg()->av_opt_set_double(o, "crf", 38.0 - 0.2 * m->desc.quality, 0) >= 0; /* as h264.c */
 }
 
 static bool set_av1(const struct movie *m)
@@ -84,12 +82,12 @@ static bool set_av1(const struct movie *m)
 
     setenv("SVT_LOG", "1", 0); /* errors only: it writes to standard error */
     return set_all(o, any) && (!m->desc.pq || set_all(o, hdr)) &&
-           av_opt_set_int(o, "crf", lrint(60.0 - 0.4 * m->desc.quality), 0) >= 0;
+           ffmpeg()->av_opt_set_int(o, "crf", lrint(60.0 - 0.4 * m->desc.quality), 0) >= 0;
 }
 
 static void describe(AVCodecContext *c, const struct movie_desc *d)
 {
-    const AVRational rate = av_d2q(d->rate, 1001000);
+    const AVRational rate = ffmpeg()->av_d2q(d->rate, 1001000);
 
     c->width = (int)(d->width + d->width % 2);
     c->height = (int)(d->height + d->height % 2);
@@ -107,22 +105,22 @@ static void describe(AVCodecContext *c, const struct movie_desc *d)
 
 static enum err open_encoder(struct movie *m, struct reason *why)
 {
-    const AVCodec *codec = avcodec_find_encoder_by_name(encoder_name(m));
+    const AVCodec *codec = ffmpeg()->avcodec_find_encoder_by_name(encoder_name(m));
 
     if (!codec)
         return err_say(why, ERR_UNSUPPORTED, "this libavcodec has no encoder %s", encoder_name(m));
-    m->encoder = avcodec_alloc_context3(codec);
-    m->frame = av_frame_alloc();
-    m->packet = av_packet_alloc();
+    m->encoder = ffmpeg()->avcodec_alloc_context3(codec);
+    m->frame = ffmpeg()->av_frame_alloc();
+    m->packet = ffmpeg()->av_packet_alloc();
     if (!m->encoder || !m->frame || !m->packet)
         return err_say(why, ERR_NOMEM, "out of memory");
     describe(m->encoder, &m->desc);
-    if (!(is_av1(m) ? set_av1(m) : set_h264(m)) || avcodec_open2(m->encoder, codec, NULL) < 0)
+    if (!(is_av1(m) ? set_av1(m) : set_h264(m)) || ffmpeg()->avcodec_open2(m->encoder, codec, NULL) < 0)
         return say_refused(m, why);
     m->frame->width = m->encoder->width;
     m->frame->height = m->encoder->height;
     m->frame->format = m->encoder->pix_fmt;
-    return av_frame_get_buffer(m->frame, 0) < 0 ? err_say(why, ERR_NOMEM, "out of memory") : ERR_OK;
+    return ffmpeg()->av_frame_get_buffer(m->frame, 0) < 0 ? err_say(why, ERR_NOMEM, "out of memory") : ERR_OK;
 }
 
 enum err movie_create(const struct movie_desc *desc, struct movie **out, struct reason *why)
@@ -132,9 +130,13 @@ enum err movie_create(const struct movie_desc *desc, struct movie **out, struct 
     *out = NULL;
     if (!m)
         return err_say(why, ERR_NOMEM, "out of memory");
+    if (!ffmpeg()) {
+        mem_free(m);
+        return err_say(why, ERR_UNSUPPORTED, "libavcodec and libavformat cannot be loaded");
+    }
     m->desc = *desc;
     m->desc.path = m->desc.container = NULL;
-    av_log_set_level(AV_LOG_QUIET); /* errors are returned */
+    ffmpeg()->av_log_set_level(AV_LOG_QUIET); /* errors are returned */
     snprintf(m->container, sizeof(m->container), "%s", desc->container);
     enum err e = open_encoder(m, why);
     if (!e)
@@ -184,7 +186,7 @@ static enum err drain(struct movie *m, struct reason *why)
     enum err e = ERR_OK;
 
     while (!e) {
-        const int code = avcodec_receive_packet(m->encoder, m->packet);
+        const int code = ffmpeg()->avcodec_receive_packet(m->encoder, m->packet);
         if (code == AVERROR(EAGAIN) || code == AVERROR_EOF)
             return ERR_OK;
         if (code < 0)
@@ -201,7 +203,7 @@ static enum err drain(struct movie *m, struct reason *why)
                                                 .decoded = p->dts,
                                                 .key = p->flags & AV_PKT_FLAG_KEY },
                           why);
-        av_packet_unref(m->packet);
+        ffmpeg()->av_packet_unref(m->packet);
     }
     return e;
 }
@@ -210,14 +212,14 @@ enum err movie_add(struct movie *m, const uint16_t *rgb, struct reason *why)
 {
     const struct movie_desc *d = &m->desc;
 
-    if (av_frame_make_writable(m->frame) < 0)
+    if (ffmpeg()->av_frame_make_writable(m->frame) < 0)
         return err_say(why, ERR_NOMEM, "out of memory");
     const AVFrame *f = m->frame;
     yuv_limited_from_rgb(
         rgb, d->width, d->height, d->pq,
         &(struct yuv_planes){ f->data[0], f->data[1], f->data[2], f->linesize[0], f->linesize[1], f->linesize[2] });
     m->frame->pts = m->count++;
-    if (avcodec_send_frame(m->encoder, m->frame) < 0)
+    if (ffmpeg()->avcodec_send_frame(m->encoder, m->frame) < 0)
         return say_refused(m, why);
     return drain(m, why);
 }
@@ -228,7 +230,7 @@ enum err movie_finish(struct movie *m, struct reason *why)
 
     if (m->count == 0)
         return ERR_OK;
-    if (avcodec_send_frame(m->encoder, NULL) < 0)
+    if (ffmpeg()->avcodec_send_frame(m->encoder, NULL) < 0)
         return say_refused(m, why);
     e = drain(m, why);
     if (e)
@@ -249,8 +251,8 @@ void movie_destroy(struct movie *m)
     if (mux_close(m->mux, false, &ignored)) /* says nothing where no end is written */
         m->mux = NULL;
     file_draft_discard(&m->draft);
-    avcodec_free_context(&m->encoder);
-    av_frame_free(&m->frame);
-    av_packet_free(&m->packet);
+    ffmpeg()->avcodec_free_context(&m->encoder);
+    ffmpeg()->av_frame_free(&m->frame);
+    ffmpeg()->av_packet_free(&m->packet);
     mem_free(m);
 }

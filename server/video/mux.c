@@ -2,9 +2,7 @@
 
 #include "base/file_store.h"
 #include "base/mem.h"
-
-#include <libavformat/avformat.h>
-#include <libavutil/mastering_display_metadata.h>
+#include "video/ffmpeg.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -25,7 +23,7 @@ static enum err say_av(struct reason *why, int code, const char *step)
 {
     char text[AV_ERROR_MAX_STRING_SIZE];
 
-    av_strerror(code, text, sizeof(text));
+    ffmpeg()->av_strerror(code, text, sizeof(text));
     if (code == AVERROR(ENOMEM))
         return err_say(why, ERR_NOMEM, "%s: out of memory", step);
     return err_say(why, code == AVERROR_MUXER_NOT_FOUND ? ERR_UNSUPPORTED : ERR_IO, "%s: %s", step, text);
@@ -34,13 +32,13 @@ static enum err say_av(struct reason *why, int code, const char *step)
 /* Mastering display and light level of HDR: what a screen needs to map to its own range. */
 static enum err add_mastering(AVStream *s)
 {
-    AVMasteringDisplayMetadata *display = av_mastering_display_metadata_alloc();
+    AVMasteringDisplayMetadata *display = ffmpeg()->av_mastering_display_metadata_alloc();
     size_t level_size = 0;
-    AVContentLightMetadata *level = av_content_light_metadata_alloc(&level_size);
+    AVContentLightMetadata *level = ffmpeg()->av_content_light_metadata_alloc(&level_size);
 
     if (!display || !level) {
-        av_free(display);
-        av_free(level);
+        ffmpeg()->av_free(display);
+        ffmpeg()->av_free(level);
         return ERR_NOMEM;
     }
     static const int primaries[3][2] = { { 35400, 14600 }, { 8500, 39850 }, { 6550, 2300 } }; /* units of 0.00002 */
@@ -53,13 +51,14 @@ static enum err add_mastering(AVStream *s)
     display->min_luminance = (AVRational){ 1, 10000 };
     display->has_primaries = display->has_luminance = 1;
     level->MaxCLL = MUX_PQ_PEAK; /* a bound; the mean over a frame is not known before the last one: 0 */
-    if (av_stream_add_side_data(s, AV_PKT_DATA_MASTERING_DISPLAY_METADATA, (uint8_t *)display, sizeof(*display)) < 0) {
-        av_free(display);
-        av_free(level);
+    if (ffmpeg()->av_stream_add_side_data(s, AV_PKT_DATA_MASTERING_DISPLAY_METADATA, (uint8_t *)display,
+                                          sizeof(*display)) < 0) {
+        ffmpeg()->av_free(display);
+        ffmpeg()->av_free(level);
         return ERR_NOMEM;
     }
-    if (av_stream_add_side_data(s, AV_PKT_DATA_CONTENT_LIGHT_LEVEL, (uint8_t *)level, level_size) < 0) {
-        av_free(level);
+    if (ffmpeg()->av_stream_add_side_data(s, AV_PKT_DATA_CONTENT_LIGHT_LEVEL, (uint8_t *)level, level_size) < 0) {
+        ffmpeg()->av_free(level);
         return ERR_NOMEM;
     }
     return ERR_OK;
@@ -88,7 +87,7 @@ static void set_colour(AVCodecParameters *p, enum mux_colour colour)
 
 static enum err add_stream(struct mux *m, const struct mux_stream *d)
 {
-    AVStream *s = avformat_new_stream(m->context, NULL);
+    AVStream *s = ffmpeg()->avformat_new_stream(m->context, NULL);
 
     if (!s)
         return ERR_NOMEM;
@@ -99,7 +98,7 @@ static enum err add_stream(struct mux *m, const struct mux_stream *d)
     p->height = (int)d->height;
     set_colour(p, d->colour);
     if (d->header_size > 0) {
-        p->extradata = av_mallocz(d->header_size + AV_INPUT_BUFFER_PADDING_SIZE);
+        p->extradata = ffmpeg()->av_mallocz(d->header_size + AV_INPUT_BUFFER_PADDING_SIZE);
         if (!p->extradata)
             return ERR_NOMEM;
         memcpy(p->extradata, d->header, d->header_size);
@@ -128,11 +127,11 @@ static int pass_on(void *opaque, uint8_t *bytes, int size)
 /* Sends to m->write what libavformat writes. */
 static int open_callback(struct mux *m)
 {
-    unsigned char *buffer = av_malloc(BUFFER_BYTES);
+    unsigned char *buffer = ffmpeg()->av_malloc(BUFFER_BYTES);
 
-    m->context->pb = buffer ? avio_alloc_context(buffer, BUFFER_BYTES, 1, m, NULL, pass_on, NULL) : NULL;
+    m->context->pb = buffer ? ffmpeg()->avio_alloc_context(buffer, BUFFER_BYTES, 1, m, NULL, pass_on, NULL) : NULL;
     if (!m->context->pb) {
-        av_free(buffer);
+        ffmpeg()->av_free(buffer);
         return AVERROR(ENOMEM);
     }
     m->context->flags |= AVFMT_FLAG_CUSTOM_IO;
@@ -147,7 +146,7 @@ static int open_output(struct mux *m, const char *url, AVDictionary **options)
         return open_callback(m);
     if (c->oformat->flags & AVFMT_NOFILE) /* it connects when it writes the header */
         return 0;
-    return avio_open2(&c->pb, url, AVIO_FLAG_WRITE, &c->interrupt_callback, options);
+    return ffmpeg()->avio_open2(&c->pb, url, AVIO_FLAG_WRITE, &c->interrupt_callback, options);
 }
 
 static enum err open_context(struct mux *m, const struct mux_desc *d, const struct mux_stream *stream,
@@ -161,42 +160,44 @@ static enum err open_context(struct mux *m, const struct mux_desc *d, const stru
         snprintf(file, sizeof(file), "pipe:1");
     else
         snprintf(file, sizeof(file), "file:%s", d->path ? d->path : "");
-    int code = avformat_alloc_output_context2(&m->context, NULL, d->format, url);
+    int code = ffmpeg()->avformat_alloc_output_context2(&m->context, NULL, d->format, url);
     if (code < 0)
         return say_av(why, code, d->format);
     if (d->cancelled)
         m->context->interrupt_callback = (AVIOInterruptCB){ is_cancelled, m };
     if (add_stream(m, stream))
         return err_say(why, ERR_NOMEM, "out of memory");
-    if (d->options && av_dict_parse_string(&options, d->options, "=", ":", 0) < 0) {
-        av_dict_free(&options);
+    if (d->options && ffmpeg()->av_dict_parse_string(&options, d->options, "=", ":", 0) < 0) {
+        ffmpeg()->av_dict_free(&options);
         return err_say(why, ERR_NOMEM, "out of memory");
     }
     code = open_output(m, url, &options);
     if (code < 0) {
-        av_dict_free(&options);
+        ffmpeg()->av_dict_free(&options);
         return say_av(why, code, d->url ? "connecting" : "opening it");
     }
     m->context->flags |= AVFMT_FLAG_FLUSH_PACKETS;
-    code = avformat_write_header(m->context, &options);
+    code = ffmpeg()->avformat_write_header(m->context, &options);
     m->opened = code >= 0;
-    av_dict_free(&options);
+    ffmpeg()->av_dict_free(&options);
     return code < 0 ? say_av(why, code, d->url ? "connecting" : "the beginning") : ERR_OK;
 }
 
 enum err mux_open(const struct mux_desc *desc, const struct mux_stream *stream, struct mux **out, struct reason *why)
 {
-    struct mux *m = mem_alloc(1, sizeof(*m));
+    struct mux *m = ffmpeg() ? mem_alloc(1, sizeof(*m)) : NULL;
     struct reason ignored;
 
     *out = NULL;
+    if (!ffmpeg())
+        return err_say(why, ERR_UNSUPPORTED, "libavformat cannot be loaded");
     if (!m)
         return err_say(why, ERR_NOMEM, "out of memory");
     m->tick = stream->rate_num > 0 ? (AVRational){ stream->rate_den, stream->rate_num } : (AVRational){ 1, MUX_TICKS };
     m->write = desc->write;
     m->cancelled = desc->cancelled;
     m->user = desc->user;
-    m->packet = av_packet_alloc();
+    m->packet = ffmpeg()->av_packet_alloc();
     const enum err e = m->packet ? open_context(m, desc, stream, why) : err_say(why, ERR_NOMEM, "out of memory");
     if (e) {
         if (mux_close(m, false, &ignored))
@@ -211,7 +212,7 @@ enum err mux_write(struct mux *m, const struct mux_packet *packet, struct reason
 {
     AVPacket *p = m->packet;
 
-    const int room = av_new_packet(p, (int)packet->size);
+    const int room = ffmpeg()->av_new_packet(p, (int)packet->size);
     if (room < 0)
         return err_say(why, ERR_NOMEM, "out of memory");
     memcpy(p->data, packet->bytes, packet->size);
@@ -219,9 +220,9 @@ enum err mux_write(struct mux *m, const struct mux_packet *packet, struct reason
     p->dts = packet->decoded;
     p->duration = packet->duration > 0 ? packet->duration : 1;
     p->flags = packet->key ? AV_PKT_FLAG_KEY : 0;
-    av_packet_rescale_ts(p, m->tick, m->context->streams[0]->time_base);
-    int code = av_write_frame(m->context, p);
-    av_packet_unref(p);
+    ffmpeg()->av_packet_rescale_ts(p, m->tick, m->context->streams[0]->time_base);
+    int code = ffmpeg()->av_write_frame(m->context, p);
+    ffmpeg()->av_packet_unref(p);
     /* a write that was buffered fails in the buffer's own time */
     if (code >= 0 && m->context->pb && m->context->pb->error < 0)
         code = m->context->pb->error;
@@ -232,10 +233,10 @@ enum err mux_write(struct mux *m, const struct mux_packet *packet, struct reason
 
 static int close_callback(AVFormatContext *c)
 {
-    avio_flush(c->pb);
+    ffmpeg()->avio_flush(c->pb);
     const int code = c->pb->error;
-    av_freep(&c->pb->buffer);
-    avio_context_free(&c->pb);
+    ffmpeg()->av_freep(&c->pb->buffer);
+    ffmpeg()->avio_context_free(&c->pb);
     return code;
 }
 
@@ -247,19 +248,19 @@ enum err mux_close(struct mux *m, bool complete, struct reason *why)
         return ERR_OK;
     AVFormatContext *c = m->context;
     if (c) {
-        int code = m->opened && complete ? av_write_trailer(c) : 0;
+        int code = m->opened && complete ? ffmpeg()->av_write_trailer(c) : 0;
         if (c->pb) {
             if (code >= 0 && c->pb->error < 0)
                 code = c->pb->error;
-            const int closed = m->write ? close_callback(c) : avio_closep(&c->pb);
+            const int closed = m->write ? close_callback(c) : ffmpeg()->avio_closep(&c->pb);
             if (code >= 0 && complete)
                 code = closed;
         }
         if (code < 0)
             e = say_av(why, code, "the end");
-        avformat_free_context(c);
+        ffmpeg()->avformat_free_context(c);
     }
-    av_packet_free(&m->packet);
+    ffmpeg()->av_packet_free(&m->packet);
     mem_free(m);
     return e;
 }

@@ -2,7 +2,7 @@
  * whose path it gives appears:
  *   RELIGHT_FAIL_THREAD=N   the N-th pthread_create finds no thread
  *   RELIGHT_FAIL_EMBREE=1   rtcNewDevice has no device
- *   RELIGHT_FAIL_CODEC=1    avcodec_open2 has no encoder
+ *   RELIGHT_FAIL_CODEC=1    avcodec_open2, which the program looks up with dlsym, has no encoder
  *   RELIGHT_CLOCK_FILE=F    the wall clock is so many seconds ahead as F says; without F it is right */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -11,10 +11,10 @@
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/time.h>
 #include <time.h>
 
-int avcodec_open2(void *context, const void *codec, void **options);
 void *rtcNewDevice(const char *config);
 
 int pthread_create(pthread_t *thread, const pthread_attr_t *attributes, void *(*begin)(void *), void *argument)
@@ -41,15 +41,21 @@ void *rtcNewDevice(const char *config)
     return real(config);
 }
 
-int avcodec_open2(void *context, const void *codec, void **options)
+static int no_encoder(void)
 {
-    static int (*real)(void *, const void *, void **);
+    return -1;
+}
 
-    if (getenv("RELIGHT_FAIL_CODEC"))
-        return -1;
-    if (!real)
-        *(void **)&real = dlsym(RTLD_NEXT, "avcodec_open2");
-    return real(context, codec, options);
+void *dlsym(void *restrict handle, const char *restrict name)
+{
+    void *(*real)(void *, const char *);
+
+    *(void **)&real = dlvsym(RTLD_NEXT, "dlsym", "GLIBC_2.34");
+    if (getenv("RELIGHT_FAIL_CODEC") && strcmp(name, "avcodec_open2") == 0) {
+        int (*found)(void) = no_encoder;
+        return *(void **)&found;
+    }
+    return real(handle, name);
 }
 
 static long ahead_s(void)
