@@ -16,7 +16,7 @@ OPERATORS = {"<": ["<="], "<=": ["<"], ">": [">="], ">=": [">"], "==": ["!="], "
 NAMES = {a + s: b + s for s in ("", "f") for x, y in (("fmin", "fmax"), ("sin", "cos"), ("floor", "ceil")) for a, b in ((x, y), (y, x))}
 SILENT = re.compile(r"assert|_Static_assert|__attribute__|_Alignas|sizeof|offsetof")  # what is within is no computation
 UNSEEN = re.compile(r".*(destroy|finish|free|close|unlock|lock|log_\w+)$")  # dropping the call leaks or is silent
-EITHER_WAY = re.compile(r"f?(min|max)f?|fminf?|fmaxf?|hypotf?|memcmp|strcmp|_mm\d*_(add|mul|min|max|and|or|cmpeq)\w*")  # of arguments
+EITHER_WAY = re.compile(r"f?(min|max)f?|fminf?|fmaxf?|hypotf?|memcmp|strcmp|mem_alloc\w*|_mm\d*_(add|mul|min|max|and|or|cmpeq)\w*")  # of arguments
 WORDS = set("if for while switch return sizeof else do case goto break continue".split())
 CAST = re.compile(r"\((?:u?int\w*|size_t|double|float|unsigned|const \w+)\)")
 ENDS = {",", ";", ")", "]", "}", "?", ":", "&&", "||", "<", ">", "<=", ">=", "==", "!=", "=", "<<", ">>", "&", "|", "^"}
@@ -61,6 +61,17 @@ def within_loop_heads(tokens):
     return out
 
 
+def declares(tokens, at):
+    """Whether the name at `at`, behind a comma, is one more of a declaration of variables."""
+    i, depth = at, 0
+    while depth > 0 or tokens[i].text not in (";", "{", "}", "("):
+        depth += (tokens[i].text in ")]}") - (tokens[i].text in "([{")
+        i -= 1
+    first, second = tokens[i + 1], tokens[i + 2]
+    return (tokens[i].text != "(" and tokens[i - 1].text != "=" and first.kind == "id" and first.text not in WORDS
+            and (second.kind == "id" or second.text == "*"))
+
+
 def silent(tokens):
     """Indices of the tokens that are outside functions and tables, in a type's declaration, or in an assertion."""
     out, i, depth = set(), 0, 0
@@ -72,7 +83,8 @@ def silent(tokens):
             brace = i + 1 + (tokens[i + 1].kind == "id")
             end = matching(tokens, brace) if tokens[brace].text == "{" else i
         elif text == "[" and i > 1 and (tokens[i - 1].kind == "id" and (tokens[i - 2].kind == "id" or tokens[i - 2].text == "*")
-                                        and tokens[i - 2].text not in WORDS or tokens[i - 2].text + tokens[i - 1].text == "*)"):
+                                        and tokens[i - 2].text not in WORDS or tokens[i - 2].text + tokens[i - 1].text == "*)"
+                                        or tokens[i - 2].text == "," and tokens[i - 1].kind == "id" and declares(tokens, i - 1)):
             end = matching(tokens, i)  # how many elements a declaration or a cast has
             while end + 1 < len(tokens) and tokens[end + 1].text == "[":
                 end = matching(tokens, end + 1)
@@ -80,6 +92,18 @@ def silent(tokens):
         if end > i or depth == 0:
             out.update(range(i, end + 1))
         i = end + 1
+    return out
+
+
+def unreachable(source, lacks):
+    """The ranges of the source that only processors compile, or run, with one of these macros, as far as #if says so itself."""
+    out, open_at = [], []
+    for m in re.finditer(r"^[ \t]*#[ \t]*(if|ifdef|elif|else|endif)\b([^\n]*)", source, re.M):
+        if m[1] != "if" and m[1] != "ifdef" and open_at:
+            begun, without = open_at.pop()
+            out += [(begun, m.start())] if without else []
+        if m[1] != "endif":
+            open_at.append((m.end(), any(macro in m[2] for macro in lacks)))
     return out
 
 
@@ -146,12 +170,12 @@ def statement(source, tokens, i):
     return Mutant(tokens[i].start, tokens[end].start, "", "statement dropped")
 
 
-def mutants_of(source):
-    """All mutants of a file, in its order."""
+def mutants_of(source, lacks=()):
+    """All mutants of a file, in its order; none in code for processors with one of the macros in `lacks`."""
     tokens = tokens_of(source)
-    out, skip, heads = [], silent(tokens), within_loop_heads(tokens)
+    out, skip, heads, elsewhere = [], silent(tokens), within_loop_heads(tokens), unreachable(source, lacks)
     for i, t in enumerate(tokens[:-1]):
-        if i in skip or i == 0:
+        if i in skip or i == 0 or any(a <= t.start < b for a, b in elsewhere):
             continue
         before, binary = tokens[i - 1], tokens[i - 1].kind in ("id", "num") and tokens[i - 1].text not in WORDS or tokens[i - 1].text in (")", "]")
         if t.kind == "num":

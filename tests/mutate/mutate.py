@@ -18,6 +18,7 @@ import argparse
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -77,6 +78,7 @@ class Claim:
         self.cost, self.folder = float(properties.get("COST", 0.1)), properties["WORKING_DIRECTORY"]
         self.environment = dict(v.split("=", 1) for v in properties.get("ENVIRONMENT", []) if "=" in v)
         self.usable = None  # whether it passes without a fault; None: not known yet
+        self.noticed = {}  # of which files it has noticed how many faults
 
     def passes(self):
         try:
@@ -121,7 +123,7 @@ class Suite:
         self.inputs = inputs_of(self.claims)
 
     def order(self, path, seconds):
-        """The claims that could notice a fault in `path`, within the seconds."""
+        """The claims that could notice a fault in `path`, within the seconds; first those that have noticed one in it."""
         source = (TREE / path).resolve()
         linked = [c for c in self.claims if c.usable is not False and (path.suffix == ".h" or source in self.inputs[c.program])]
         total = {}
@@ -133,7 +135,7 @@ class Suite:
             if c.cost <= seconds:
                 out.append(c)
                 seconds -= c.cost
-        return out
+        return sorted(out, key=lambda c: -c.noticed.get(path, 0) / max(c.cost, 0.1))
 
     def usable(self, claim):
         """Whether it passes on the sources as they are."""
@@ -166,6 +168,7 @@ class Suite:
             finally:
                 (TREE / path).write_text(source, encoding="utf-8")
             if failed and self.usable(failed):
+                failed.noticed[path] = failed.noticed.get(path, 0) + 1
                 return failed.name
         return ""
 
@@ -182,12 +185,18 @@ def explained():
     return {(b[0].strip(), b[1][1:].strip(), b[2][1:].strip()) for b in blocks}
 
 
+def lacking():
+    """Macros of the instruction sets that this processor does not have: no test here runs what is compiled for them."""
+    flags = set(re.search(r"^flags\s*:(.*)", Path("/proc/cpuinfo").read_text(encoding="ascii"), re.M)[1].split())
+    return [macro for macro, flag in (("__AVX512F__", "avx512f"), ("__AVX2__", "avx2")) if flag not in flags]
+
+
 def draw(room, seed, count):
     """Faults of a room, in a random order: by a hash of each, so that a change elsewhere neither adds nor removes others."""
-    every = []
+    every, lacks = [], lacking()
     for path in sources_of(room):
         source, seen = (TREE / path).read_text(encoding="utf-8"), {}
-        for m in mutants.mutants_of(source):
+        for m in mutants.mutants_of(source, lacks):
             _, before, after = mutants.line_of(source, m)
             seen[before, after] = seen.get((before, after), 0) + 1  # a file may have the same line twice
             name = f"{seed} {path} {before} {after} {seen[before, after]}"
