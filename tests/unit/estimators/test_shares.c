@@ -9,26 +9,31 @@
 #define HALFWAY 0.70710678118654752  /* 1 / sqrt 2, the cosine to the middles of its edges */
 
 /* face[f]: radiance of a face, in the order of cube.h. */
-static struct environment *faces_of(const float face[CUBE_FACES])
+static struct environment *fine_faces_of(const float face[CUBE_FACES], uint32_t n)
 {
     struct frame f = sky_constant(2, 2 * CUBE_FACES, 0.0f);
 
     for (uint32_t k = 0; k < 4 * CUBE_FACES; k++)
         sky_paint(&f, k % 2, k / 2, face[k / 4], face[k / 4], face[k / 4]);
-    return sky_environment_of(f, LAYOUT_CUBE, 8, 0.0);
+    return sky_environment_of(f, LAYOUT_CUBE, n, 0.0);
+}
+
+static struct environment *faces_of(const float face[CUBE_FACES])
+{
+    return fine_faces_of(face, 8);
 }
 
 /* The shares that lane 5 of a packet gives its strata. Of faces each lane has its own: the others look down. Cells have
  * one share for the packet, the mean over its lanes: all have normal n. */
-static void record(const struct kernels *k, const struct environment *e, struct vec3 n, uint32_t cells,
-                   enum method method, struct direct_log *log)
+static struct direct_stats record_samples(const struct kernels *k, const struct environment *e, struct vec3 n,
+                                          uint32_t cells, enum method method, uint32_t samples, struct direct_log *log)
 {
     static float lo[3 * PACKET];
     struct gbuffer g = points_make(1, LOBE_LAMBERT, 0.5f, 0.0f, 0.0f);
     struct direct *d = direct_create(k);
     struct direct_stats stats;
     const struct direct_desc desc = {
-        .method = method, .samples = 60, .cells = cells, .no_visibility = true, .log = log
+        .method = method, .samples = samples, .cells = cells, .no_visibility = true, .log = log
     };
 
     for (int l = 0; l < PACKET; l++) {
@@ -40,6 +45,13 @@ static void record(const struct kernels *k, const struct environment *e, struct 
     assert_int_equal(direct_shade(d, &g, NULL, e, &desc, lo, &stats), ERR_OK);
     direct_destroy(d);
     points_free(&g);
+    return stats;
+}
+
+static void record(const struct kernels *k, const struct environment *e, struct vec3 n, uint32_t cells,
+                   enum method method, struct direct_log *log)
+{
+    record_samples(k, e, n, cells, method, 60, log);
 }
 
 /* want[f]: mu_f of face f, with one cell or with `cells` x cells of them together. */
@@ -144,7 +156,76 @@ static void counts_are_shares_of_the_samples(void **state)
     environment_destroy(e);
 }
 
+/* A sixth of six samples is one sample for each face and point, not one more that would weigh nothing. */
+static void whole_counts_have_no_further_sample(void **state)
+{
+    struct environment *e = faces_of(even_sky);
+    (void)state;
+    for (const struct kernels *const *k = kernels_all(); *k; k++) {
+        struct direct_log log = { 0 };
+        const struct direct_stats stats =
+            record_samples(*k, e, vec3_make(0, 1, 0), 1, METHOD_FACES_UNIFORM, 6, &log);
+        assert_int_equal(stats.chosen, PACKET * CUBE_FACES);
+        direct_log_finish(&log);
+    }
+    environment_destroy(e);
+}
+
+/* Upright under an even sky, half of the samples each: a face's light samples have the density share * 6 / (4 pi), to a
+ * few percent, lobes cos / pi. So light samples of the top, whose share is a third, weigh
+ * 1/2 / (1/2 + cos), those of a side, a sixth, 1/4 / (1/4 + cos), and a lobe's samples the rest of 1. */
+static void logged_weights_are_those_of_the_balance_heuristic(void **state)
+{
+    struct environment *e = fine_faces_of(even_sky, 128);
+    uint32_t weighed = 0;
+    (void)state;
+    for (const struct kernels *const *k = kernels_all(); *k; k++) {
+        struct direct_log log = { 0 };
+        record_samples(*k, e, vec3_make(0, 1, 0), 1, METHOD_MIS, 64, &log);
+        for (uint32_t i = 0; i < log.light_count + log.lobe_count; i++) {
+            const bool by_light = i < log.light_count;
+            const struct direct_log_sample *s = by_light ? &log.light[i] : &log.lobes[i - log.light_count];
+            const double x = fabs((double)s->w[0]), y = (double)s->w[1], z = fabs((double)s->w[2]);
+            const double light = y > fmax(x, z) ? 0.5 : 0.25, part = light / (light + y);
+            if (!s->effective)
+                continue;
+            assert_true(fabs((double)s->mis - (by_light ? part : 1.0 - part)) < 0.01);
+            weighed++;
+        }
+        direct_log_finish(&log);
+    }
+    assert_true(weighed > 40);
+    environment_destroy(e);
+}
+
+/* A matte lobe's first sixteen samples lie one in each sixteenth of sin^2, and one in each of the azimuth: they are a
+ * net, which all others but the first sixteen numbers are not. */
+static void lobe_samples_are_the_first_of_their_sequence(void **state)
+{
+    struct environment *e = faces_of(even_sky);
+    (void)state;
+    for (const struct kernels *const *k = kernels_all(); *k; k++) {
+        struct direct_log log = { 0 };
+        uint32_t heights = 0, azimuths = 0;
+        record_samples(*k, e, vec3_make(0, 1, 0), 1, METHOD_BRDF, 16, &log);
+        assert_int_equal(log.lobe_count, 16);
+        for (uint32_t i = 0; i < 16; i++) {
+            const float *w = log.lobes[i].w;
+            const double turn = atan2((double)w[2], (double)w[0]) / (2.0 * PI);
+            heights |= 1u << (uint32_t)(16.0 * (1.0 - (double)w[1] * (double)w[1]));
+            azimuths |= 1u << (uint32_t)(16.0 * (turn - floor(turn)));
+        }
+        assert_int_equal(heights, 0xffff);
+        assert_int_equal(azimuths, 0xffff);
+        direct_log_finish(&log);
+    }
+    environment_destroy(e);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(whole_counts_have_no_further_sample),
+    cmocka_unit_test(logged_weights_are_those_of_the_balance_heuristic),
+    cmocka_unit_test(lobe_samples_are_the_first_of_their_sequence),
     cmocka_unit_test(upright_under_an_even_sky),       cmocka_unit_test(towards_a_corner_of_the_cube),
     cmocka_unit_test(light_multiplies_the_cosines),    cmocka_unit_test(uniform_shares_are_a_sixth),
     cmocka_unit_test(cells_have_corners_of_their_own), cmocka_unit_test(counts_are_shares_of_the_samples),
