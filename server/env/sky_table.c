@@ -31,6 +31,7 @@
  * mantissa. Solid angles are integers, so that sums do not depend on the order of threads. */
 #define BIN_SHIFT 19
 #define BINS 4096
+#define APART 4
 #define PER_SR 0x1p40 /* 4 pi is 1.4e13, the smallest texel of 1024^2 is 8e5 */
 
 static uint32_t bin_of(float importance)
@@ -57,7 +58,9 @@ static float importance_at(const struct sky_table *t, uint32_t at)
     return importance_of(t->importance, x->r, x->g, x->b);
 }
 
-static float measure_row(const struct environment *e, uint32_t row, uint64_t *bins)
+/* Neighbours mostly have the same bin, and consecutive sums in one place wait for each other: so there are APART
+ * histograms. */
+static float measure_row(const struct environment *e, uint32_t row, uint64_t (*bins)[BINS])
 {
     const double *solid_angle = e->solid_angle + (size_t)(row % e->n) * e->n;
     const struct texel *x = e->texels + (size_t)row * e->n;
@@ -65,7 +68,7 @@ static float measure_row(const struct environment *e, uint32_t row, uint64_t *bi
 
     for (uint32_t j = 0; j < e->n; j++) {
         const float g = importance_of(e->importance, x[j].r, x[j].g, x[j].b);
-        bins[bin_of(g)] += (uint64_t)(int64_t)(solid_angle[j] * PER_SR);
+        bins[j % APART][bin_of(g)] += (uint64_t)(int64_t)(solid_angle[j] * PER_SR);
         brightest = g > brightest ? g : brightest;
     }
     return brightest;
@@ -99,13 +102,13 @@ float sky_level(const struct environment *e, float *row_max)
 
 #pragma omp parallel
     {
-        uint64_t own[BINS] = { 0 };
+        uint64_t own[APART][BINS] = { { 0 } };
 #pragma omp for schedule(static) nowait
         for (uint32_t row = 0; row < rows; row++)
             row_max[row] = measure_row(e, row, own);
 #pragma omp critical
         for (uint32_t k = 0; k < BINS; k++)
-            bins[k] += own[k];
+            bins[k] += (own[0][k] + own[1][k]) + (own[2][k] + own[3][k]);
     }
     return (float)find_level(bins);
 }

@@ -253,7 +253,7 @@ static void light_cells(const struct transport *t, const struct transport_look *
     add_gazes(t, look, b, lo);
 }
 
-/* Computes what has changed, and adds up the parts. */
+/* Computes what has changed, and adds up the parts. Packets, far apart in memory, are not read for the rest. */
 static uint32_t shade_changes(const struct transport *t, const struct transport_look *look,
                               const struct transport_frame *frame, const struct transport_block *b, unsigned work,
                               float *lo, uint64_t *rays)
@@ -262,11 +262,14 @@ static uint32_t shade_changes(const struct transport *t, const struct transport_
     const size_t floats = (size_t)b->packets * 3 * PACKET;
     uint32_t penumbra = 0;
 
-    if (work & TRANSPORT_WORK_CELLS)
+    if (work & TRANSPORT_WORK_CELLS) {
         light_cells(t, look, frame, b, lit);
+        clear_padding(t, b, lit);
+    }
     if (work & TRANSPORT_WORK_BRIGHT) {
         memset(shone, 0, floats * sizeof(*shone));
         penumbra = add_bright(t, b, shone, rays);
+        clear_padding(t, b, shone);
     }
     for (size_t i = 0; i < floats; i++)
         lo[i] = lit[i] + shone[i];
@@ -287,17 +290,14 @@ static uint32_t shade_block(const struct shading *s, uint32_t k, float *lo, uint
     const struct transport_block *b = &t->blocks[k];
     const unsigned all = TRANSPORT_WORK_CELLS | (t->bright.strata ? TRANSPORT_WORK_BRIGHT : 0),
                    work = s->keeps ? transport_last_work(t, k) : all;
-    uint32_t penumbra;
 
     memset(t->work + b->first, (int)(work & all), b->packets);
     if (t->fades && t->fades[k].weight < TRANSPORT_FADE)
         return shade_fading(t, &s->look, k, lo, rays);
-    if (s->keeps) {
-        penumbra = shade_changes(t, &s->look, s->frame, b, work, lo, rays);
-    } else {
-        light_cells(t, &s->look, s->frame, b, lo);
-        penumbra = add_bright(t, b, lo, rays);
-    }
+    if (s->keeps)
+        return shade_changes(t, &s->look, s->frame, b, work, lo, rays);
+    light_cells(t, &s->look, s->frame, b, lo);
+    const uint32_t penumbra = add_bright(t, b, lo, rays);
     clear_padding(t, b, lo);
     return penumbra;
 }
