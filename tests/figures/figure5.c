@@ -48,8 +48,8 @@ static const struct setting rows[] = {
     { "size", "WxH", "of the pictures, in pixels", "320x180", ALL, .type = SETTING_SIZE, AT(size) },
     { "runs", "N", "interleaved runs, 1 to 99", "9", ALL, WHOLE(1, RUNS_MAX), AT(runs) },
     { "seconds", "T", "CPU time of each technique in a run, 0.01 to 1000", "4", ALL, REAL(0.01, 1000.0), AT(seconds) },
-    { "samples", "N", "of each technique in a run instead of the time, as in the figure's second row; 0: by time", "0",
-      ALL, WHOLE(0, 1000000), AT(samples) },
+    { "samples", "N", "of each technique in a run, for a second row as in the figure; 0: none", "0", ALL,
+      WHOLE(0, 1000000), AT(samples) },
     { "whole", NULL, "all light, by the program's own frame: direct light and eye paths beside the caustics", NULL, ALL,
       SWITCH, AT(whole) },
     { "particles", "N", "of --whole's light tracer, a pixel for each eye path", "1", ALL, WHOLE(1, 1000),
@@ -144,6 +144,23 @@ static void print_region(struct figure *f, size_t r, uint32_t runs)
     }
 }
 
+/* A row of the figure, of so many samples or, with 0, of equal time. */
+static void print_row(struct figure *f, const struct flags *o, uint32_t samples)
+{
+    for (int by = 0; by < SEEN_BY_COUNT; by++)
+        f->measured[by] =
+            (struct measured){ .samples = samples ? samples : samples_in(f, (enum seen_by)by, o->seconds) };
+    for (uint32_t k = 0; k < o->runs; k++)
+        for (int by = 0; by < SEEN_BY_COUNT; by++)
+            run(f, (enum seen_by)by, k);
+    if (samples)
+        printf("\n%" PRIu32 " samples each\n", samples);
+    else
+        printf("\n%g s of processor time each\n", o->seconds);
+    for (size_t r = 0; r < REGIONS; r++)
+        print_region(f, r, o->runs);
+}
+
 static void set_up(struct figure *f, const struct flags *o)
 {
     const struct kernels *kernels;
@@ -183,13 +200,9 @@ int main(int argc, char **argv)
     printf("%s, %s, peakedness %.2f, %" PRIu32 "x%" PRIu32 ", %s, %d threads, %" PRIu32 " runs\n", f.seen.set->name,
            f.seen.environment->name, facts_peakedness(f.seen.environment), f.seen.width, f.seen.height,
            f.whole ? "all light" : "caustics alone", omp_get_max_threads(), flags.runs);
-    for (int by = 0; by < SEEN_BY_COUNT; by++)
-        f.measured[by].samples = flags.samples ? flags.samples : samples_in(&f, (enum seen_by)by, flags.seconds);
-    for (uint32_t k = 0; k < flags.runs; k++)
-        for (int by = 0; by < SEEN_BY_COUNT; by++)
-            run(&f, (enum seen_by)by, k);
-    for (size_t r = 0; r < REGIONS; r++)
-        print_region(&f, r, flags.runs);
+    print_row(&f, &flags, 0);
+    if (flags.samples)
+        print_row(&f, &flags, flags.samples);
     for (size_t r = 0; r < REGIONS; r++)
         mem_free(f.region[r]);
     mem_free(f.rgb);
