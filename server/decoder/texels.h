@@ -12,7 +12,7 @@ struct texels {              /* zeroed memory is empty */
     struct signal_desc desc; /* of `signal`, if it is prepared */
     struct signal *signal;   /* owned */
     bool prepared;
-    float *rows; /* owned; six rows of `width` floats */
+    float *rows; /* owned; five rows of `width` floats */
     uint32_t width;
     enum signal_transfer override;
     double peak_cdm2;

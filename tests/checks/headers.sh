@@ -1,5 +1,6 @@
 #!/bin/bash
-# Every header of ours compiles alone, so that a file may include any of them first.
+# Every header of ours compiles alone, so that a file may include any of them first. Not compiled here are those that a file
+# of the same name includes first: the build has shown it of them.
 # usage: headers.sh ROOT COMPILER
 set -euo pipefail
 root="$1"
@@ -13,6 +14,11 @@ failed=0
 count=0
 while IFS= read -r header; do
     count=$((count + 1))
+    source="${header%.h}.c"
+    if [[ -f "$source" ]]; then
+        first="$(grep -m1 '^#include' "$source")"
+        [[ "$first" == "#include \"${header#"$root"/}\"" || "$first" == "#include \"${header#"$root"/server/}\"" ]] && continue
+    fi
     if ! printf '#include "%s"\n' "$header" | "$cc" "${flags[@]}" -; then
         echo "${header#"$root"/} does not stand alone"
         failed=1
