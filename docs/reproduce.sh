@@ -17,7 +17,7 @@ claims() {
 gains | mathematics.md 6 | variance times rays of every kind of direct light relative to plain mis
 shares | mathematics.md 6 | shares of the six faces and of cells against numbers worked out by hand
 variance | mathematics.md 16 | a sample's variance against its closed form
-furnace | mathematics.md 16 | a white furnace is white by every method of direct light and by path tracing
+furnace | mathematics.md 16 | a white furnace is white by every method of direct light, by eye paths and by path tracing
 vpl | mathematics.md 13 | the indirect light of virtual point lights over that of path tracing, six seeds
 photons | mathematics.md 13 | photons and virtual point lights within their bias
 materials | mathematics.md 8 | what white surfaces return, by roughness
@@ -42,8 +42,14 @@ unit() { # ROOM_FILE CLAIM...: what a unit test prints of itself
 gains() { unit estimators_test_gain sun_as_a_stratum_wins_where_it_is_not_seen; }
 shares() { unit estimators_test_shares upright_under_an_even_sky towards_a_corner_of_the_cube cells_have_corners_of_their_own; }
 variance() { unit estimators_test_lpg13 a_single_sample_has_the_closed_form_variance; }
-furnace() { unit estimators_test_direct a_white_furnace_is_white_at_every_method; }
-photons() { unit estimators_test_baselines photons_bring_caustics point_lights_bring_interreflection; }
+furnace() {
+    unit estimators_test_direct a_white_furnace_is_white_at_every_method &&
+        unit estimators_test_path a_white_furnace_is_white &&
+        unit estimators_test_eye_paths a_white_court_with_mirror_and_glass_in_a_white_sky_is_white
+}
+photons() {
+    unit estimators_test_baselines photons_bring_caustics photons_bring_interreflection point_lights_bring_interreflection
+}
 materials() { unit brdf_test_lobes white_surfaces_return_nearly_everything_and_no_more; }
 figure5() { "$bin/figure5" --size 240x135 --runs 5 --seconds 2 --reference 400; }
 changes() { "$bin/changes" --turns 9 2>"$work/log"; }
@@ -119,7 +125,7 @@ check() {
         for name in ${names%%;*}; do
             grep -q "^static void $name(" "$root/tests/unit/${program/_test_//test_}.c" || { echo "$program has no $name"; exit 1; }
         done
-    done < <(sed -n 's/^\([a-z0-9]*()\) { unit /\1 { /p' "$0")
+    done < <(sed -n 's/ &&$//; s/^\([a-z0-9]*()\) { unit /\1 { /p; s/^ *unit \([a-z0-9]*_test\)/x { \1/p' "$0")
 }
 
 write=""

@@ -31,8 +31,7 @@ static void a_white_furnace_is_white_at_every_method(void **state)
         }
         const double mean = sum / SEEDS;
         const double error = sqrt(fmax(0.0, squares / SEEDS - mean * mean) / (SEEDS - 1)) + 2e-6;
-        if (fabs(mean - 1.0) / error >= 4.5 || error >= 1e-3)
-            printf("%s: mean %.6f, standard error %.2e\n", method_name(all_methods[m]), mean, error);
+        printf("%s: mean %.6f, standard error %.2e\n", method_name(all_methods[m]), mean, error);
         assert_true(fabs(mean - 1.0) / error < 4.5);
         assert_true(error < 1e-3);
     }

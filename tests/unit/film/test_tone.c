@@ -1,3 +1,4 @@
+#include "film/false_colour.h"
 #include "film/film.h"
 
 #include "light/near.h"
@@ -332,7 +333,25 @@ static void false_colour_shows_luminance(void **state)
     assert_int_equal(out[0][2], 60);
 }
 
+/* The colours at eighths, which the page's legend draws too (clients/web/daylight_model.js), and halfway between two. */
+static void false_colour_passes_its_stops(void **state)
+{
+    static const uint8_t want[9][3] = { { 18, 12, 60 },   { 42, 42, 134 },  { 24, 96, 172 },
+                                        { 18, 146, 160 }, { 62, 184, 110 }, { 160, 212, 60 },
+                                        { 248, 222, 60 }, { 246, 150, 46 }, { 206, 44, 44 } };
+    uint8_t rgb[3];
+
+    (void)state;
+    for (int k = 0; k < 9; k++) {
+        false_colour(k / 8.0, rgb);
+        assert_memory_equal(rgb, want[k], 3);
+    }
+    false_colour(1.0 / 16.0, rgb);
+    assert_memory_equal(rgb, ((const uint8_t[]){ 30, 27, 97 }), 3);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(false_colour_passes_its_stops),
     cmocka_unit_test(ramp_is_the_exact_formula_but_for_one_code_in_a_hundred),
     cmocka_unit_test(ramp_never_falls_and_reaches_every_code),
     cmocka_unit_test(white_is_255_and_filmic_leaves_middle_grey),

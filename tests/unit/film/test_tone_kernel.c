@@ -131,7 +131,31 @@ static void the_last_bits_change_nothing(void **state)
     }
 }
 
+/* The cubic of a half octave is that of four of its points: at u = -1/4, -1/8, 1/8 and 1/4 it is the curve's code, plus
+ * the half for rounding. */
+static void a_cubic_meets_the_curve_in_four_points(void **state)
+{
+    static const double places[4] = { -0.25, -0.125, 0.125, 0.25 };
+    struct tone_table t;
+    (void)state;
+
+    tone_table_fill(&t, TONE_LINEAR);
+    for (uint32_t k = 0; k < TONE_SEGMENTS; k++)
+        for (int i = 0; i < 4; i++) {
+            const double u = places[i], octave = ldexp(1.0, -13 + (int)(k / 2));
+            const double x = octave * ((k % 2 ? 1.75 : 1.25) + u), want = 255.0 * tone_srgb(x / TONE_SCALE) + 0.5;
+            const float lowest = (float)(octave * (k % 2 ? 1.5 : 1.0));
+            uint32_t bits;
+            memcpy(&bits, &lowest, sizeof(bits));
+            const uint32_t s = bits >> 22 & (TONE_SEGMENTS - 1);
+            const double got =
+                (((double)t.c[3][s] * u + (double)t.c[2][s]) * u + (double)t.c[1][s]) * u + (double)t.c[0][s];
+            assert_true(fabs(got - want) < 2e-6 * want);
+        }
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(a_cubic_meets_the_curve_in_four_points),
     cmocka_unit_test(every_level_gives_the_bits_of_the_reference),
     cmocka_unit_test(no_level_falls_and_all_are_within_one_code_everywhere),
     cmocka_unit_test(the_last_bits_change_nothing),

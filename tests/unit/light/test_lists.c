@@ -2,6 +2,7 @@
 #include "estimators/eye_paths.h"
 #include "estimators/points.h"
 #include "light/relight.h"
+#include "light/relight_passes.h"
 #include "support/sets.h"
 
 #include <math.h>
@@ -236,7 +237,30 @@ static void eye_paths_follow_counts_too(void **state)
     court_finish(&c);
 }
 
+/* Both halves of passes 0 to 3 draw different numbers: those of passes 2 p and 2 p + 1, each half with a seed of its
+ * own for eye paths. */
+static void halves_are_passes_of_their_own(void **state)
+{
+    struct picture_passes whole = { .direct = { .seed = 7 } }, half[2];
+    (void)state;
+
+    for (uint64_t pass = 0; pass < 4; pass++) {
+        whole.direct.pass = whole.eye[0].pass = whole.eye[1].pass = pass;
+        whole.eye[0].seed = 7;
+        whole.eye[1].seed = 8;
+        for (int k = 0; k < 2; k++) {
+            passes_half(&whole, k, &half[k]);
+            assert_true(half[k].direct.scatter);
+            assert_int_equal(half[k].direct.pass, 2 * pass + (uint64_t)k);
+            for (int i = 0; i < 2; i++)
+                assert_int_equal(half[k].eye[i].pass, 2 * pass + (uint64_t)k);
+        }
+        assert_true(half[0].eye[0].seed != half[1].eye[0].seed && half[0].eye[0].seed != half[0].eye[1].seed);
+    }
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(halves_are_passes_of_their_own),
     cmocka_unit_test(listed_packets_have_the_bits_of_the_whole),
     cmocka_unit_test(kept_tables_give_the_bits_of_new_ones),
     cmocka_unit_test(listed_packets_alone_get_eye_paths),
