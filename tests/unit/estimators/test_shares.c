@@ -163,8 +163,7 @@ static void whole_counts_have_no_further_sample(void **state)
     (void)state;
     for (const struct kernels *const *k = kernels_all(); *k; k++) {
         struct direct_log log = { 0 };
-        const struct direct_stats stats =
-            record_samples(*k, e, vec3_make(0, 1, 0), 1, METHOD_FACES_UNIFORM, 6, &log);
+        const struct direct_stats stats = record_samples(*k, e, vec3_make(0, 1, 0), 1, METHOD_FACES_UNIFORM, 6, &log);
         assert_int_equal(stats.chosen, PACKET * CUBE_FACES);
         direct_log_finish(&log);
     }
@@ -226,9 +225,12 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(whole_counts_have_no_further_sample),
     cmocka_unit_test(logged_weights_are_those_of_the_balance_heuristic),
     cmocka_unit_test(lobe_samples_are_the_first_of_their_sequence),
-    cmocka_unit_test(upright_under_an_even_sky),       cmocka_unit_test(towards_a_corner_of_the_cube),
-    cmocka_unit_test(light_multiplies_the_cosines),    cmocka_unit_test(uniform_shares_are_a_sixth),
-    cmocka_unit_test(cells_have_corners_of_their_own), cmocka_unit_test(counts_are_shares_of_the_samples),
+    cmocka_unit_test(upright_under_an_even_sky),
+    cmocka_unit_test(towards_a_corner_of_the_cube),
+    cmocka_unit_test(light_multiplies_the_cosines),
+    cmocka_unit_test(uniform_shares_are_a_sixth),
+    cmocka_unit_test(cells_have_corners_of_their_own),
+    cmocka_unit_test(counts_are_shares_of_the_samples),
 };
 
 UNIT_MAIN(tests)

@@ -333,7 +333,8 @@ static void false_colour_shows_luminance(void **state)
     assert_int_equal(out[0][2], 60);
 }
 
-/* The colours at eighths, which the page's legend draws too (clients/web/daylight_model.js), and halfway between two. */
+/* The colours at eighths, which the page's legend draws too (clients/web/daylight_model.js), and halfway between two.
+ */
 static void false_colour_passes_its_stops(void **state)
 {
     static const uint8_t want[9][3] = { { 18, 12, 60 },   { 42, 42, 134 },  { 24, 96, 172 },

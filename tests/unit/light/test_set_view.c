@@ -31,7 +31,7 @@ static void a_view_is_what_a_set_of_that_camera_has(void **state)
                      ERR_OK);
     progress_end(&line);
     assert_true(first->bvh_ms >= 0.0 && first->bvh_ms < 6e4); /* a span, not a time since the machine started */
-    assert_int_equal(line.done, HEIGHT); /* counted, though nothing is drawn */
+    assert_int_equal(line.done, HEIGHT);                      /* counted, though nothing is drawn */
     assert_string_equal(got->camera, other);
     assert_string_equal(got->name, first->name);
     assert_ptr_equal(got->scene, first->scene);
