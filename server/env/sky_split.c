@@ -6,7 +6,6 @@
 
 #include <assert.h>
 #include <math.h>
-#include <string.h>
 
 /* Share of the sky's energy. A fainter bright part stays in the cells: a shadow that is wrong by a thousandth of the
  * light is invisible. */
@@ -44,25 +43,21 @@ static double overlap(const struct environment *e, uint32_t y, uint32_t x, uint3
                             -1.0 + fmin((y + 1) * in_texel, (i + 1) * in_cell));
 }
 
-/* A texel as one vector, to add up its channels side by side. */
-#define FOUR_FLOATS __attribute__((vector_size(4 * sizeof(float)))) float
-#define FOUR_DOUBLES __attribute__((vector_size(4 * sizeof(double)))) double
-
 /* Adds texels of a row that are entirely within the cell and not above the level. */
 static void add_lower_texels(const struct texel *texels, const double *solid_angle, uint32_t count, double sum[3],
                              double *whole)
 {
-    FOUR_DOUBLES light = { 0.0 };
-    double weight = 0.0;
+    double r = 0.0, g = 0.0, b = 0.0, weight = 0.0;
 
     for (uint32_t x = 0; x < count; x++) {
-        FOUR_FLOATS t;
-        memcpy(&t, &texels[x], sizeof(t));
-        light += solid_angle[x] * __builtin_convertvector(t, FOUR_DOUBLES);
+        r += solid_angle[x] * (double)texels[x].r;
+        g += solid_angle[x] * (double)texels[x].g;
+        b += solid_angle[x] * (double)texels[x].b;
         weight += solid_angle[x];
     }
-    for (int c = 0; c < 3; c++)
-        sum[c] += light[c];
+    sum[0] += r;
+    sum[1] += g;
+    sum[2] += b;
     *whole += weight;
 }
 
