@@ -24,23 +24,26 @@ static inline float half_widen(uint16_t half)
     return value;
 }
 
-/* Rounds to the nearest, ties to even; from 65520 on to infinity. */
+/* Rounds to the nearest, ties to even; from 65520 on to infinity. Also without branches. */
 static inline uint16_t half_round(float f)
 {
-    uint32_t bits;
+    uint32_t bits, small;
 
     memcpy(&bits, &f, sizeof(bits));
-    const uint16_t sign = (uint16_t)(bits >> 16 & 0x8000u);
+    const uint32_t sign = bits >> 16 & 0x8000u;
     bits &= 0x7fffffffu;
-    if (bits >= 0x47800000u) /* 2^16 and above */
-        return (uint16_t)(sign | (bits > 0x7f800000u ? 0x7e00u : 0x7c00u));
-    if (bits >= 0x38800000u) /* from 2^-14 on a half has its own exponent; a carry runs into it, up to infinity */
-        return (uint16_t)(sign | (bits + 0xfffu + (bits >> 13 & 1u) - (112u << 23)) >> 13);
-    if (bits < 0x33000000u) /* below half of the least half */
-        return sign;
-    const uint32_t mantissa = (bits & 0x7fffffu) | 0x800000u, shift = 126u - (bits >> 23);
-    const uint32_t whole = mantissa >> shift, rest = mantissa & ((1u << shift) - 1u), tie = 1u << (shift - 1u);
-    return (uint16_t)(sign | (whole + (rest > tie || (rest == tie && (whole & 1u)))));
+    memcpy(&f, &bits, sizeof(f));
+    f += 0.5f; /* of which a unit in the last place is 2^-24, as of halves below 2^-14 */
+    memcpy(&small, &f, sizeof(small));
+    small -= 0x3f000000u;
+    /* From 2^-14 on a half has its own exponent; a carry runs into it, up to infinity at 2^16. */
+    const uint32_t normal = (bits + 0xfffu + (bits >> 13 & 1u) - (112u << 23)) >> 13;
+    const uint32_t large = 0x7c00u | (0x7f800000u - bits) >> 31 << 9;
+    /* Masks, since compilers make branches of conditions, and then no vectors: the sign of a difference of 31 bits. */
+    const uint32_t is_small = (uint32_t)((int32_t)(bits - 0x38800000u) >> 31);
+    const uint32_t is_finite = (uint32_t)((int32_t)(bits - 0x47800000u) >> 31);
+    const uint32_t half = (((small & is_small) | (normal & ~is_small)) & is_finite) | (large & ~is_finite);
+    return (uint16_t)(sign | half);
 }
 
 #endif

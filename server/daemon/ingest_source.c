@@ -100,12 +100,13 @@ static void sleep_until_ms(struct pull *p, int64_t when_ms)
 }
 
 /* Without a rate, reads the next frame just before shading of the current one ends: earlier it would only become
- * outdated. */
+ * outdated. The other ranks of a job begin with it before that, so that it must be there. */
 static void wait_until_wanted(struct pull *p)
 {
     while (!handoff_wait_taken(&p->shared->frames.handoff, 100) && !is_interrupted(p))
         continue;
-    sleep_until_ms(p, clock_ms() + (int64_t)status_shading_excess_ms(&p->shared->status) - MARGIN_MS);
+    if (!p->shared->ranks)
+        sleep_until_ms(p, clock_ms() + (int64_t)status_shading_excess_ms(&p->shared->status) - MARGIN_MS);
 }
 
 static bool is_watched(struct pull *p)

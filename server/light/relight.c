@@ -389,17 +389,18 @@ static void state_error(const struct picture_passes *p, const float *rgb, struct
 enum err relighter_run_passes(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
                               float *rgb, struct relight_stats *stats, struct pass_costs *costs)
 {
+    const bool dealt = r->team && relighter_can_deal(r, passes);
+
     *costs = (struct pass_costs){ .eye_s = 0.0 };
     enum err result = r->passes.backplate ? backplate_begin(r->passes.backplate, e, passes->background) : ERR_OK;
     if (!result)
-        result = r->team && relighter_can_deal(r, passes) ? run_dealt(r, e, passes, stats, costs)
-                                                          : run_points(r, e, passes, stats, costs);
+        result = dealt ? run_dealt(r, e, passes, stats, costs) : run_points(r, e, passes, stats, costs);
+    if (r->half && !dealt && !result) /* else every process has rounded its part */
+        light_round(r->passes.lo, points_bytes(r) / sizeof(float));
     const double seen = clock_seconds();
     if (!result && passes->stored_behind)
         relight_caustics_behind(&r->caustics, e, r->passes.lo, stats);
     costs->eye_s += clock_seconds() - seen;
-    if (r->half && !result)
-        light_round(r->passes.lo, points_bytes(r) / sizeof(float));
     if (result)
         return result;
     const double lit = clock_seconds();

@@ -6,20 +6,31 @@
 
 #include <math.h>
 
-#define SMOOTH 0.1          /* weight of a picture in a rank's measured speed, */
-#define SOON 0.4            /* and while shares are not settled */
-#define LEAST 0.02          /* of the fastest rank's speed: with no share at all, it would never be measured again */
-#define BLOCK_PACKETS 4     /* at most, of a block of the cache */
-#define MARGIN (1.0 / 64.0) /* a rank keeps the packets of its share and this part of a mean share on either side, */
-#define MARGIN_MIN 8        /* and some packets, since parts begin at blocks; */
-#define MARGIN_FIRST 0.75   /* this part during the first pictures, in which the shares are measured */
+#define SMOOTH 0.1           /* weight of a picture in a rank's measured speed, */
+#define SOON 0.4             /* and while shares are not settled */
+#define LEAST 0.02           /* of the fastest rank's speed: with no share at all, it would never be measured again */
+#define BLOCK_PACKETS 4      /* at most, of a block of the cache */
+#define MARGIN (1.0 / 128.0) /* a rank keeps the packets of its share and this part of a mean share on either side, */
+#define MARGIN_MIN 8         /* and some packets, since parts begin at blocks; */
+#define MARGIN_FIRST 0.75    /* this part during the first pictures, in which the shares are measured */
 #define HANDED 0.45 /* of a mean share, with two ranks: by how much memory may exceed the initial share; with more */
 #define HANDED_MIN 0.02 /* it falls by the cube of the others, to this, since memory is to fall as 1/N */
 #define RANGE 2.0       /* initial shares differ from the mean by 2^-RANGE .. 2^RANGE */
 
+/* By how much a rank's memory may exceed its initial share, as a part of it. */
+static double handed(const struct team *t)
+{
+    const double others = fmax(t->count - 1.0, 1.0);
+
+    return fmax(HANDED_MIN, HANDED / (others * others * others));
+}
+
+/* Two ranks have the memory for cuts that follow another load than that of the first pictures. */
 static uint32_t margin_of(const struct team *t, bool settled)
 {
-    return (uint32_t)((settled ? MARGIN : MARGIN_FIRST) * packets_of(t) / t->count) + MARGIN_MIN;
+    const double margin = settled ? fmax(MARGIN, handed(t) / 3.0) : MARGIN_FIRST;
+
+    return (uint32_t)(margin * packets_of(t) / t->count) + MARGIN_MIN;
 }
 
 /* ---- What a rank keeps ---- */
@@ -154,7 +165,6 @@ enum err team_choose_shares(struct team *t, const struct transport *cache)
     const struct gbuffer *g = relighter_set(t->desc.relighter)->gbuffer;
     const uint32_t packets = g->packet_count, reach = margin_of(t, false) - margin_of(t, true);
     double *before = mem_alloc((size_t)packets + 1, sizeof(*before)), *most = mem_alloc(t->count, sizeof(*most));
-    const double others = fmax(t->count - 1.0, 1.0), more = fmax(HANDED_MIN, HANDED / (others * others * others));
     uint32_t *places = mem_alloc((size_t)t->count + 1, sizeof(*places));
     const enum err e = before && most && places ? ERR_OK : ERR_NOMEM;
     const double pixels = fmax(0.0, (double)g->bytes - (double)packets * sizeof(*g->packets)); /* rank 0's alone */
@@ -162,7 +172,7 @@ enum err team_choose_shares(struct team *t, const struct transport *cache)
     for (uint32_t p = 0; p < packets && !e; p++)
         before[p + 1] = before[p] + sizeof(*g->packets) + transport_packet_bytes(cache, p);
     for (uint32_t k = 0; k < t->count && !e; k++) {
-        most[k] = (1.0 + more) * t->weight[k] * (before[packets] + pixels) - (k == 0 ? pixels : 0.0);
+        most[k] = (1.0 + handed(t)) * t->weight[k] * (before[packets] + pixels) - (k == 0 ? pixels : 0.0);
         places[k] = place_of(t, k);
     }
     if (!e)

@@ -31,6 +31,13 @@ static void unpack_light(const struct team *t, const uint8_t *in, float *lo, siz
         lo[i] = half_widen(from[i]);
 }
 
+/* Rank 0's own light, as others send theirs. */
+static void round_light(const struct team *t, float *lo, size_t packets)
+{
+    if (t->desc.half)
+        light_round(lo, packets * BLOCK);
+}
+
 /* ---- Caches ---- */
 
 static enum err begin_caches(void *context, const void *request)
@@ -147,6 +154,8 @@ static enum err take_all(struct team *t, const struct dealt *d, const struct pac
 
     for (uint32_t i = 0; i < own->count && !e; i++)
         memcpy(kept + (size_t)i * BLOCK, lo + (size_t)own->index[i] * BLOCK, BLOCK * sizeof(float));
+    if (kept)
+        round_light(t, kept, own->count);
     for (uint32_t k = 1; k < t->count && !e; k++) {
         const uint32_t packets = d->cuts[k + 1] - d->cuts[k];
         struct answer a;
@@ -171,7 +180,10 @@ static enum err alone(struct team *t, struct relighter *r, const struct environm
 {
     const struct light_part all = { 0, packets_of(t), TRANSPORT_NARROW_OWN, false };
 
-    return relighter_run_part(r, e, passes, &all, lo, stats);
+    const enum err result = relighter_run_part(r, e, passes, &all, lo, stats);
+
+    round_light(t, lo, all.end);
+    return result;
 }
 
 /* After the first pictures with a cache: all ranks get new shares, between
@@ -259,6 +271,7 @@ static enum err points(void *context, struct relighter *r, const struct environm
     const double start = clock_seconds();
     if (!result)
         result = relighter_run_part(r, e, passes, &own, lo, stats);
+    round_light(t, lo + (size_t)own.first * BLOCK, own.end - own.first);
     const double lit = clock_seconds();
     if (!result)
         result = settle_all(t, cache);

@@ -176,7 +176,7 @@ uint64_t transport_gaze_bytes(const struct transport_block *b)
 
 uint64_t transport_block_bytes(const struct transport_block *b)
 {
-    uint64_t bytes = transport_gaze_bytes(b);
+    uint64_t bytes = transport_gaze_bytes(b) + (b->sight ? sizeof(*b->sight) : 0);
 
     for (uint32_t r = 0; r < b->rows; r++)
         bytes += transport_piece_bytes(&b->pieces[r], b->packets * PACKET);
@@ -190,5 +190,7 @@ void transport_block_finish(struct transport_block *b)
         b->pieces[r] = (struct transport_piece){ .bytes = NULL };
     }
     mem_free(b->gazes);
+    mem_free(b->sight);
     b->gazes = NULL;
+    b->sight = NULL;
 }

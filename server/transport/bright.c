@@ -169,8 +169,8 @@ static enum side side_of(const struct transport *t, const struct transport_block
     if (!t->rays)
         return SIDE_LIT;
     for (uint32_t k = 0; k < SKY_CELLS / 64; k++) {
-        seen |= b->sight.seen[k] & s->cells[k];
-        hidden |= b->sight.hidden[k] & s->cells[k];
+        seen |= b->sight->seen[k] & s->cells[k];
+        hidden |= b->sight->hidden[k] & s->cells[k];
     }
     if (seen && hidden)
         return SIDE_UNKNOWN;

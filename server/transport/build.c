@@ -104,10 +104,13 @@ static enum err build_block(const struct build *b, struct bench *bench, struct t
     uint8_t known[SKY_CELLS];
     enum err e = ERR_OK;
 
+    block->sight = mem_alloc(1, sizeof(*block->sight));
+    if (!block->sight)
+        return ERR_NOMEM;
     *rays += t->kernels->look(&b->world, &t->gbuffer->packets[block->first], block->packets, known);
     for (uint32_t k = 0; k < block->packets; k++)
         *rays += t->kernels->trace(&b->world, &t->gbuffer->packets[block->first + k], block->rows, known,
-                                   bench->matrices, k * PACKET, &block->sight);
+                                   bench->matrices, k * PACKET, block->sight);
     if (block->narrow) {
         block->gazes = mem_alloc_raw((size_t)block->packets * TRANSPORT_GAZES, sizeof(*block->gazes));
         if (!block->gazes)

@@ -53,7 +53,7 @@ void transport_save_blocks(const struct transport *t, uint32_t first, uint32_t s
             cache_writer_put(w, q->bytes, (size_t)transport_piece_bytes(q, b->packets * PACKET));
         }
         cache_writer_put(w, b->gazes, (size_t)transport_gaze_bytes(b));
-        cache_writer_put(w, &b->sight, sizeof(b->sight));
+        cache_writer_put(w, b->sight, sizeof(*b->sight));
     }
 }
 
@@ -151,7 +151,11 @@ static enum err read_block(struct cache_reader *r, struct transport_block *b, st
     for (size_t i = 0; i < gazes && !e; i++)
         if (!is_sound_gaze(&b->gazes[i]))
             e = cache_reader_refuse(r, why);
-    return e ? e : cache_reader_get(r, &b->sight, sizeof(b->sight), why); /* any bits are valid */
+    if (!e) {
+        b->sight = mem_alloc_raw(1, sizeof(*b->sight)); /* any bits are valid */
+        e = b->sight ? cache_reader_get(r, b->sight, sizeof(*b->sight), why) : no_memory(why);
+    }
+    return e;
 }
 
 enum err transport_load_blocks(struct cache_reader *r, const struct digest *key, uint32_t first, uint32_t step,

@@ -76,8 +76,8 @@ struct transport_block {
     bool fine;                    /* its stage is TRANSPORT_FINE; valid only for published blocks */
     uint32_t freed;               /* bytes that transport_keep has freed */
     struct transport_gaze *gazes; /* [packets][TRANSPORT_GAZES]; NULL until built */
+    struct transport_sight *sight; /* NULL until built */
     struct transport_piece pieces[TRANSPORT_ROWS];
-    struct transport_sight sight;
 };
 
 /* The directions that all points trace, group by group in the order of sky_cell. A group is one cell, or 2 x 2 cells

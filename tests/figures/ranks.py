@@ -3,9 +3,9 @@
 
 usage: ranks.py BIN [--size WxH] [--frames N] [--rounds N] [--cache-dir DIR] [--only PART,...]
 
-BIN is the folder of the programs. PARTS: speed, memory, bits, many (64 ranks by the model), links; all by default, some ten
-minutes on two processors. Times are by the clock, so nothing else may
-run; runs alternate, and medians of rounds count. many and links need root: network namespaces (links.py)."""
+BIN is the folder of the programs. PARTS: speed, memory, bits, many (64 ranks by the model), kills, links; all by default, some ten
+minutes on two processors. Times are by the clock, so nothing else may run; runs alternate, and medians of rounds count. many and
+links need root: network namespaces (links.py)."""
 
 import argparse
 import json
@@ -19,6 +19,7 @@ import time
 from pathlib import Path
 
 import links as net
+from kills import kills
 
 SKY = ["--source", "sky:date=06-21,time=12:00,speed=5"]
 SUMMARY = re.compile(r"([0-9.]+) KB to each rank and ([0-9.]+) MB from all")
@@ -66,6 +67,23 @@ class Jobs:
         times = self.render(words, SETTLED + self.options.frames, *flags, size=size)
         return (times[-1] - times[SETTLED - 1]) / self.options.frames
 
+    def beside_s(self, *flags):
+        """As frame_s of one process on the first processor, while another works on the second: what processors leave each other."""
+        other = self.work / "other"
+        other.mkdir(exist_ok=True)
+        with open(self.work / "other.log", "w") as log:
+            partner = subprocess.Popen(["taskset", "-c", "1", str(self.bin / "relight-render"), *self.flags(), "--frames", "0-9999", "--out",
+                                        str(other / "%04d.jpg"), *flags], stderr=log)
+        try:
+            while partner.poll() is None and not any(other.iterdir()):
+                time.sleep(0.05)
+            return self.frame_s(started(1), *flags)
+        finally:
+            partner.kill()
+            partner.wait()
+            for path in other.iterdir():
+                path.unlink()
+
     def live_s(self, words, *flags):
         """Seconds from picture to picture that a recorder of JPEG gets from relightd."""
         log, index = self.work / "live.log", self.work / "live.index"
@@ -85,6 +103,7 @@ class Jobs:
             server.terminate()
             server.wait()
         self.log = log.read_text()
+        self.summary = SUMMARY.search(self.log) or getattr(self, "summary", None)
         at = [json.loads(line)["published_us"] * 1e-6 for line in index.read_text().splitlines()]
         return (at[-1] - at[SETTLED - 1]) / (len(at) - SETTLED)
 
@@ -102,17 +121,17 @@ def speed(jobs):
     jobs.compute_cache(jobs.options.size)
     taken = medians([lambda: jobs.frame_s(started(1), *one), lambda: jobs.frame_s([], *two), lambda: jobs.frame_s(started(2), *one),
                      lambda: jobs.frame_s(started(2), *one, "--split-frames"), lambda: jobs.live_s(started(1), "--threads", "1"),
-                     lambda: jobs.live_s([], "--threads", "2"), lambda: jobs.live_s(started(2), "--threads", "1")],
-                    jobs.options.rounds)
-    sent, back = SUMMARY.search(jobs.log).groups()
-    f1, f2t, f2, f2s, l1, l2t, l2 = taken
+                     lambda: jobs.live_s([], "--threads", "2"), lambda: jobs.live_s(started(2), "--threads", "1"),
+                     lambda: jobs.beside_s(*one)], jobs.options.rounds)
+    f1, f2t, f2, f2s, l1, l2t, l2, beside = taken
     print(f"Court at noon, {jobs.options.size}, cached, JPEG, medians of {jobs.options.rounds} rounds of {jobs.options.frames} "
           f"pictures; load {os.getloadavg()[0]:.1f}. ms a picture, each rank on a processor of its own: one rank of one thread "
           f"{1e3 * f1:.1f}, one process of two threads {1e3 * f2t:.1f}, two ranks {1e3 * f2:.1f} by frames and {1e3 * f2s:.1f} by parts; "
           f"live {1e3 * l1:.1f}, {1e3 * l2t:.1f}, {1e3 * l2:.1f}.\n")
     return [("time of 2 ranks x 1 thread / 1 process x 2 threads: frames; live", f"{f2 / f2t:.2f}; {l2 / l2t:.2f}", "1.05"),
             ("speed-up of 2 ranks over 1: by frames; by parts; live", f"{f1 / f2:.2f}; {f1 / f2s:.2f}; {l1 / l2:.2f}", "1.85"),
-            (f"bytes per live picture, 2 ranks of one {jobs.options.size}: to each rank; from the others", f"{sent} KB; {back} MB",
+            ("of two processes that share nothing, side by side", f"{2 * f1 / beside:.2f}", "a bound"),
+            (f"bytes per live picture, 2 ranks of one {jobs.options.size}: to each rank; from the others", "{} KB; {} MB".format(*jobs.summary.groups()),
              "100 KB; 5.6 MB")]
 
 
@@ -143,7 +162,8 @@ def bits(jobs):
 
 def memory_limit(ranks):
     """The largest share of a rank, as server/team/shares.c limits it."""
-    return (1 + max(0.02, 0.45 / (ranks - 1) ** 3) + 1 / 64) / ranks
+    handed = max(0.02, 0.45 / (ranks - 1) ** 3)
+    return (1 + handed + max(1 / 128, handed / 3)) / ranks
 
 
 def period(c, ranks, own, rate, delay, processors):
@@ -266,7 +286,8 @@ def main():
     parser.add_argument("--link-size", default="640x360")
     parser.add_argument("--delays", default="0.1,1,5", help="ms, one way")
     parser.add_argument("--ranks", default="2,3,4")
-    parser.add_argument("--only", default="speed,memory,bits,many,links")
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--only", default="speed,memory,bits,kills,many,links")
     options = parser.parse_args()
     model = re.search("model name.*: (.*)", Path("/proc/cpuinfo").read_text())
     commit = subprocess.run(["git", "-C", Path(__file__).parent, "describe", "--always", "--dirty"], capture_output=True, text=True).stdout.strip()
@@ -274,7 +295,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         jobs = Jobs(options, Path(folder))
         for part in options.only.split(","):
-            rows = {"speed": speed, "memory": memory, "bits": bits, "links": links, "many": many}[part](jobs)
+            rows = {"speed": speed, "memory": memory, "bits": bits, "links": links, "many": many, "kills": kills}[part](jobs)
             print("\n| what | measured | target |\n|---|---|---|")
             for what, measured, target in rows:
                 print(f"| {what} | {measured} | {target} |", flush=True)

@@ -310,7 +310,7 @@ static void what_blocks_have_seen_spares_rays(void **state)
     struct environment *e = sky_environment(sky_with_sun(128, 64, 2e3f), 128, 0.0);
     float *lo = shade_by(t, g, e, 64, &with);
     for (uint32_t k = 0; k < t->block_count; k++)
-        memset(&t->blocks[k].sight, 0xff, sizeof(t->blocks[k].sight));
+        memset(t->blocks[k].sight, 0xff, sizeof(*t->blocks[k].sight));
     float *traced = shade_by(t, g, e, 64, &without);
     for (size_t i = 0; i < (size_t)g->packet_count * 3 * PACKET; i++)
         other += lo[i] != traced[i];

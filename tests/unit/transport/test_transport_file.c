@@ -217,7 +217,7 @@ static size_t place_of(const struct transport *t, uint32_t block)
     size_t at = BLOCKS;
 
     for (uint32_t k = 0; k < block; k++)
-        at += t->blocks[k].rows * SHAPE + transport_block_bytes(&t->blocks[k]) + sizeof(struct transport_sight);
+        at += t->blocks[k].rows * SHAPE + transport_block_bytes(&t->blocks[k]);
     return at;
 }
 
