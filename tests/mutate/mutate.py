@@ -34,7 +34,7 @@ TARGETS = {"env": 95, "brdf": 95, "film": 95, "estimators": 95, "protocol": 95, 
 SOURCES = {"protocol": ["protocol/*.c", "server/stream/message_*.c", "server/stream/assembly.c", "server/stream/texels.c"],
            "decoders": ["server/codec/**/*.[ch]", "server/decoder/*.[ch]"]}
 TESTS = {"protocol": ["stream"], "decoders": ["codec", "decoder"]}
-SECONDS = {"estimators": 90.0, "transport": 60.0, "light": 60.0}  # of tests for each fault, where they take long; else 20
+SECONDS = {"estimators": 90.0, "transport": 60.0, "light": 60.0, "bounce": 60.0}  # of tests for each fault, where they take long; else 20
 AT_LEAST = 20.0  # seconds that a test may take before it counts as one that never ends; more where it usually takes more
 
 
