@@ -24,28 +24,19 @@ static void widen(const uint16_t *in, float *out, uint32_t n)
 
 #define AHEAD 2048 /* bytes of V to prefetch: about the latency of memory */
 
-/* Rows whose sums stay in registers: of 16 floats for three colours, with 32 registers of 16 or 16 of 8. */
-#ifdef __AVX512F__
-#define ROWS_AT_ONCE TRANSPORT_TOGETHER
-#else
-#define ROWS_AT_ONCE 2
-#endif
-
-/* Adds up some of the `stride` rows of V that stand side by side, times the sky. */
+/* Adds up rows of V that stand side by side, times the sky. */
 static inline void project_rows(const struct transport_piece *q, const struct sky_split *sky, const uint8_t *v,
-                                bool bytes, uint32_t stride, uint32_t rows, struct lanes sum[ROWS_AT_ONCE][3])
+                                bool bytes, uint32_t rows, struct lanes sum[TRANSPORT_TOGETHER][3])
 {
-    const size_t step = bytes ? SKY_CHUNK : 2 * SKY_CHUNK;
-
-    for (uint32_t i = 0; i < q->shape.chunk_count; i++, v += stride * step) {
+    for (uint32_t i = 0; i < q->shape.chunk_count; i++) {
         const float(*cells)[SKY_CHUNK] = sky->cells[q->shape.chunks[i]];
         __builtin_prefetch(v + AHEAD); /* across pages, where the hardware prefetcher stops */
-        for (uint32_t r = 0; r < rows; r++) {
+        for (uint32_t r = 0; r < rows; r++, v += bytes ? SKY_CHUNK : 2 * SKY_CHUNK) {
             struct lanes x;
             if (bytes)
-                widen_bytes((const int8_t *)v + r * step, &x);
+                widen_bytes((const int8_t *)v, &x);
             else
-                widen_lanes((const uint16_t *)(const void *)(v + r * step), &x);
+                widen_lanes((const uint16_t *)(const void *)v, &x);
             LANES(l)
             {
                 sum[r][0].v[l] += x.v[l] * cells[0][l];
@@ -61,26 +52,21 @@ static inline void project_form(const struct transport_piece *q, const struct sk
 {
     const float *gains = (const float *)(const void *)q->bytes;
     const uint8_t *v = q->bytes + transport_gains(&q->shape) * sizeof(float);
-    const size_t step = bytes ? SKY_CHUNK : 2 * SKY_CHUNK;
 
     for (uint32_t first = 0; first < q->shape.rank; first += TRANSPORT_TOGETHER) {
-        const uint32_t stride = q->shape.rank - first < TRANSPORT_TOGETHER ? q->shape.rank - first : TRANSPORT_TOGETHER;
-        for (uint32_t k = 0; k < stride; k += ROWS_AT_ONCE) {
-            const uint32_t rows = stride - k < ROWS_AT_ONCE ? stride - k : ROWS_AT_ONCE;
-            struct lanes sum[ROWS_AT_ONCE][3];
-            memset(sum, 0, sizeof(sum));
-            if (rows == ROWS_AT_ONCE)
-                project_rows(q, sky, v + k * step, bytes, stride, ROWS_AT_ONCE, sum);
-            else
-                project_rows(q, sky, v + k * step, bytes, stride, rows, sum);
-            for (uint32_t r = 0; r < rows; r++) {
-                float *to = y[first + k + r];
-                sum_lanes(sum[r], to);
-                for (int c = 0; c < 3; c++)
-                    to[c] *= bytes ? gains[first + k + r] : q->shape.scale;
-            }
+        const uint32_t rows = q->shape.rank - first < TRANSPORT_TOGETHER ? q->shape.rank - first : TRANSPORT_TOGETHER;
+        struct lanes sum[TRANSPORT_TOGETHER][3];
+        memset(sum, 0, sizeof(sum));
+        if (rows == TRANSPORT_TOGETHER)
+            project_rows(q, sky, v, bytes, TRANSPORT_TOGETHER, sum);
+        else
+            project_rows(q, sky, v, bytes, rows, sum);
+        v += (size_t)rows * q->shape.chunk_count * SKY_CHUNK * (bytes ? 1 : sizeof(uint16_t));
+        for (uint32_t r = first; r < first + rows; r++) {
+            sum_lanes(sum[r - first], y[r]);
+            for (int c = 0; c < 3; c++)
+                y[r][c] *= bytes ? gains[r] : q->shape.scale;
         }
-        v += stride * q->shape.chunk_count * step;
     }
 }
 
