@@ -81,7 +81,7 @@ dh09() { # the two rows of the figure: equal time, equal samples a pixel; both o
         sed "s,$work/,,"
 }
 
-stated() { RELIGHT_BIN="$bin" "$root/tests/figures/stated.py" --seeds 4 --size 64x36 --reference 2048; }
+stated() { RELIGHT_BIN="$bin" "$root/tests/figures/stated.py"; }
 faults() { "$root/tests/mutate/run.sh" --planted; }
 
 vpl() {

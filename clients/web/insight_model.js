@@ -77,6 +77,7 @@ export class Insight {
     const point = {
       t, frame: header.frame, sequence: header.sequence, finer, passes: light.passes ?? 0, method: status.method,
       shadedMs: header.shadedUs / 1000, wholeMs: us / 1000, error: light.error > 0 ? light.error : null,
+      atMost: light.error_at_most > 0 ? light.error_at_most : null,
       samples: header.samples, paths: light.paths ?? '', leftOut: light.left_out ?? '',
     };
     this.choose(point, before, t);
@@ -132,6 +133,8 @@ export function logAxis(values, usual) {
 export const errorText = (e) => (e > 0 ? e.toPrecision(2).replace('e-', 'e\u2212') : 'not estimated');
 export const noiseText = (e) => (e > 0 ? `${Number((100 * Math.sqrt(e)).toPrecision(2))} %` : 'not estimated');
 
+const boundText = (point, text) => (!point.error && point.atMost ? `at most ${text(point.atMost)}` : text(point.error));
+
 // The plots as a table: pairs [label, value].
 export function rows(insight) {
   const last = insight.last;
@@ -139,7 +142,7 @@ export function rows(insight) {
   const all = last
     ? [['Newest image', `frame ${last.frame}${last.finer ? `, ${last.passes} ${last.passes === 1 ? 'pass' : 'passes'}` : ''}`],
       ['Method', last.method], ['Relight', milliseconds(last.shadedMs)], ['Server total', milliseconds(last.wholeMs)],
-      ['Error (relMSE)', errorText(last.error)], ['Noise', noiseText(last.error)]]
+      ['Error (relMSE)', boundText(last, errorText)], ['Noise', boundText(last, noiseText)]]
     : [];
   if (parts.some(Number.isFinite)) {
     STAGES.forEach(([, label], i) => all.push([`Latency: ${label.toLowerCase()}`, milliseconds(parts[i])]));
@@ -153,7 +156,8 @@ export function summary(insight, whole) {
   const { last, points } = insight;
   if (!last) return 'No image has been reported yet.';
   const time = milliseconds(whole ? last.wholeMs : last.shadedMs);
-  const error = last.error ? `, noise about ${noiseText(last.error)}` : '; this method does not estimate its error';
+  const error = last.error ? `, noise about ${noiseText(last.error)}`
+    : last.atMost ? `, noise at most ${noiseText(last.atMost)}` : '; its error is not known';
   return `The newest of ${points.length} images took ${time} with ${last.method}${error}.`;
 }
 

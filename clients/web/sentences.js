@@ -116,7 +116,8 @@ export class Pace {
 // the light it leaves out. left: seconds until the cache is complete; null if unknown.
 export function lightSentence(light, left = null) {
   if (!light?.paths) return '';
-  const off = light.error > 0 ? ` Noise about ${percent(Math.sqrt(light.error))}.` : '';
+  const off = light.error > 0 ? ` Noise about ${percent(Math.sqrt(light.error))}.`
+    : light.error_at_most > 0 ? ` Noise at most ${percent(Math.sqrt(light.error_at_most))}.` : '';
   const share = typeof light.computed === 'number' ? ` Light-transport cache: ${Math.floor(100 * light.computed)} % computed${left === null ? '' : `, about ${Math.max(1, Math.round(left))} s left`}.` : '';
   const still = light.passes > 0
     ? ` Still sky: ${light.passes} ${light.passes === 1 ? 'pass' : 'passes'}, ${light.converged ? 'converged' : 'refining'}.`

@@ -10,6 +10,7 @@
 
 #define POLL_MS 30  /* how soon controls are noticed while no frame comes */
 #define PACE_MS 2   /* likewise while a picture is not due yet */
+#define AUDIT_SHARE 0.05 /* of a picture's rays, to state its error */
 #define AGAIN_S 0.1 /* after a cancelled picture: how long to wait for its frame with the new settings */
 
 static bool is_stopping(const struct shade_thread *t)
@@ -33,6 +34,8 @@ static struct relight_desc describe_light(struct shade_thread *t, const struct i
     desc.turn = in->ticket.lockstep ? in->environment->number : t->pictures; /* dropped frames do not count */
     desc.direct.cancel = in->ticket.lockstep ? t->shared->stop : &t->shared->watch.cancel;
     desc.direct.why = why;
+    desc.audit = in->ticket.lockstep ? 0.0 : AUDIT_SHARE;
+    desc.audit_live = true;
     /* --cache-wait is for the method of the command line: no controller can make others wait for a cache. */
     desc.cache_background = (desc.cache_background || now->method != c->setup.initial.method ||
                              (t->shared->ranks && t->set != t->first_set)) &&

@@ -327,7 +327,8 @@ void status_picture_shaded(struct status_board *b, const struct picture_report *
     note_methods(s, report->in->environment);
     note_plan(s, report);
     note_work(b, report);
-    s->error = report->pilot ? report->pilot->error : report->stats->error;
+    s->error = stats->error > 0.0 ? stats->error : report->pilot ? report->pilot->error : 0.0;
+    s->error_at_most = s->error > 0.0 ? 0.0 : stats->error_at_most;
     s->passes = 0;
     s->converged = false;
     send_figures(b);
@@ -366,6 +367,7 @@ void status_picture_refined(struct status_board *b, const struct still_stats *st
     pthread_mutex_lock(&b->lock);
     b->figures.all_passes += stats->passes > b->figures.passes ? stats->passes - b->figures.passes : 0;
     b->figures.error = stats->error;
+    b->figures.error_at_most = 0.0;
     b->figures.passes = stats->passes;
     b->figures.converged = stats->converged;
     send_figures(b);
@@ -454,6 +456,8 @@ void status_line(struct status_board *b, uint32_t viewers, char *text, size_t si
     append(text, size, "", "%.1f pictures/s, %u viewer%s", f.fps, viewers, viewers == 1 ? "" : "s");
     if (f.error > 0.0)
         append(text, size, ", ", "error %.1e", f.error);
+    else if (f.error_at_most > 0.0)
+        append(text, size, ", ", "error at most %.1e", f.error_at_most);
     if (f.cache_share > 0.0)
         append(text, size, ", ", "cache %.0f %%", 100.0 * f.cache_share);
     if (states[f.source][0])

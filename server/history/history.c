@@ -1,7 +1,6 @@
 #include "history/history.h"
 
 #include "base/mem.h"
-#include "history/stated.h"
 
 #include <math.h>
 #include <string.h>
@@ -9,7 +8,6 @@
 #define GROUP 128 /* packets, side by side in the picture for the most part, that share w */
 #define FLOATS ((size_t)3 * PACKET)
 #define SOFT 1e-2        /* of relMSE */
-#define CHANGED 0.25     /* mean weight of what was known: below, the sky is another; a second picture has 1/2 */
 #define WEIGHT_MOST 0.98 /* of the cache's light, against the first samples */
 
 struct group { /* sums of V and D */
@@ -19,23 +17,21 @@ struct group { /* sums of V and D */
 struct history {
     struct denoiser *denoiser;
     uint32_t packets;
-    uint64_t key, turn;       /* pictures since it began, */
-    uint64_t first_turn;      /* and before the first one with a cache */
-    bool followed;            /* in this picture */
-    bool moved;               /* the cache's light did, in this picture */
-    bool has_cache;           /* `cache` is that of the last picture */
-    bool still;               /* the sky is that of the last picture */
-    bool slow;                /* history_slow, for this picture */
-    bool shows;               /* `shown` is light with this key */
-    unsigned glide;           /* steps still to take */
-    float *half[2];           /* B, [packets][3][16], as what follows */
-    float *cache;             /* C of the last picture */
-    float *shown;             /* P, changed with C */
-    float *target;            /* what it moves to: the filter's output, likewise */
-    const float *filtered[2]; /* the filtered halves; NULL: none in this picture */
-    struct stated *stated;
-    float *final; /* [packets], as what follows */
-    float *count; /* n; 0: nothing is known, and B is C */
+    uint64_t key, turn;  /* pictures since it began, */
+    uint64_t first_turn; /* and before the first one with a cache */
+    bool followed;       /* in this picture */
+    bool moved;          /* the cache's light did, in this picture */
+    bool has_cache;      /* `cache` is that of the last picture */
+    bool still;          /* the sky is that of the last picture */
+    bool slow;           /* history_slow, for this picture */
+    bool shows;          /* `shown` is light with this key */
+    unsigned glide;      /* steps still to take */
+    float *half[2];      /* B, [packets][3][16], as what follows */
+    float *cache;        /* C of the last picture */
+    float *shown;        /* P, changed with C */
+    float *target;       /* what it moves to: the filter's output, likewise */
+    float *final;        /* [packets], as what follows */
+    float *count;        /* n; 0: nothing is known, and B is C */
     bool *changed;
     struct group *groups;
     uint32_t *due_index, *beyond_index;
@@ -63,15 +59,14 @@ struct history *history_create(const struct gbuffer *g, struct denoiser *denoise
     h->cache = mem_alloc(packets, FLOATS * sizeof(float));
     h->shown = mem_alloc(packets, FLOATS * sizeof(float));
     h->target = mem_alloc(packets, FLOATS * sizeof(float));
-    h->stated = stated_create(g);
     h->final = mem_alloc(packets, sizeof(*h->final));
     h->count = mem_alloc(packets, sizeof(*h->count));
     h->changed = mem_alloc(packets, sizeof(*h->changed));
     h->groups = mem_alloc(group_count(h), sizeof(*h->groups));
     h->due_index = mem_alloc(packets, sizeof(*h->due_index));
     h->beyond_index = mem_alloc(packets, sizeof(*h->beyond_index));
-    if (!h->half[0] || !h->half[1] || !h->cache || !h->shown || !h->target || !h->stated || !h->final || !h->count ||
-        !h->changed || !h->groups || !h->due_index || !h->beyond_index) {
+    if (!h->half[0] || !h->half[1] || !h->cache || !h->shown || !h->target || !h->final || !h->count || !h->changed ||
+        !h->groups || !h->due_index || !h->beyond_index) {
         history_destroy(h);
         return NULL;
     }
@@ -87,7 +82,6 @@ void history_destroy(struct history *h)
     mem_free(h->cache);
     mem_free(h->shown);
     mem_free(h->target);
-    stated_destroy(h->stated);
     mem_free(h->final);
     mem_free(h->count);
     mem_free(h->changed);
@@ -141,7 +135,6 @@ void history_begin(struct history *h, uint64_t key)
         memset(h->groups, 0, group_count(h) * sizeof(*h->groups));
         h->has_cache = h->shows = false;
         h->glide = 0;
-        stated_forget(h->stated);
     }
     h->key = key;
     h->followed = h->still = h->moved = h->slow = false;
@@ -266,30 +259,7 @@ static void add_group(struct history *h, uint32_t g, const uint32_t *due, uint32
         add_packet(h, due[i], sums->own < sums->off && !h->still ? sums->own / sums->off : 1.0);
 }
 
-/* Of all packets, of what was known. */
-static double mean_weight(const struct history *h)
-{
-    double sum = 0.0;
-
-    for (uint32_t i = 0; i < h->packets; i++)
-        sum += 1.0 - 1.0 / fmax((double)h->count[i], 1.0);
-    return sum / h->packets;
-}
-
-/* Compares the samples with the light that was displayed before, unless the sky has changed since, or there was none.
- * With a cache, they are too few. */
-static void measure_error(struct history *h, const float *const more[2])
-{
-    const float *const half[2] = { denoiser_half(h->denoiser, 0), denoiser_half(h->denoiser, 1) };
-    const float *const none[2] = { NULL, NULL };
-
-    if (h->followed || mean_weight(h) < CHANGED)
-        stated_forget(h->stated);
-    else
-        stated_take(h->stated, half, more ? more : none, h->shown);
-}
-
-void history_add(struct history *h, const float *const more[2], const float *scale)
+void history_add(struct history *h, const float *scale)
 {
     const uint32_t *due = h->due_index;
     const uint32_t groups = group_count(h);
@@ -308,7 +278,6 @@ void history_add(struct history *h, const float *const more[2], const float *sca
 #pragma omp parallel for schedule(dynamic, 4)
     for (uint32_t g = 0; g < groups; g++)
         add_group(h, g, due + first[g], first[g + 1] - first[g]);
-    measure_error(h, more);
     mem_free(first);
 }
 
@@ -346,13 +315,15 @@ void history_glide(struct history *h, float *lo)
 
 void history_show(struct history *h, const float *const more[2], float *lo)
 {
+    const float *filtered[2];
+
     for (int k = 0; k < 2; k++)
-        h->filtered[k] = more ? denoiser_half(h->denoiser, k) : h->half[k];
+        filtered[k] = more ? denoiser_half(h->denoiser, k) : h->half[k];
     if (more)
         add_more(h, more);
     const unsigned since = h->followed ? (unsigned)((h->turn - h->first_turn + 1) % HISTORY_TURNS) : 0;
     if (since == 0)
-        denoiser_filter(h->denoiser, h->filtered, h->target);
+        denoiser_filter(h->denoiser, filtered, h->target);
     h->glide = h->slow && h->shows && !h->followed ? HISTORY_GLIDE : 0;
     h->shows = true;
     if (h->glide > 0) {
@@ -373,18 +344,7 @@ void history_show(struct history *h, const float *const more[2], float *lo)
     h->turn++;
 }
 
-double history_error(struct history *h, const float *rgb)
+const float *history_half(const struct history *h, int k)
 {
-    const float *const half[2] = { h->filtered[0], h->filtered[1] };
-
-    h->filtered[0] = h->filtered[1] = NULL;
-    if (h->followed || !half[0])
-        return 0.0;
-    if (h->glide > 0) { /* once it has arrived */
-        h->filtered[0] = half[0];
-        h->filtered[1] = half[1];
-        return 0.0;
-    }
-    stated_see(h->stated, rgb, &(struct stated_light){ h->shown, { half[0], half[1] } });
-    return stated_error(h->stated);
+    return h->half[k];
 }

@@ -51,7 +51,7 @@ void history_slow(struct history *h);
 bool history_glides(const struct history *h);
 
 /* Instead of history_add and history_show, while steps are left: takes the next one, and writes the light to lo, as
- * history_show does. The error is unknown until the last. */
+ * history_show does. */
 void history_glide(struct history *h, float *lo);
 
 /* Takes the cache's light for this picture, lo, float[packet_count][3][16]. The caller writes `final` and `changed`
@@ -68,15 +68,12 @@ uint64_t history_turn(const struct history *h);
 /* After history_follow: the packets whose light comes mostly from the cache. */
 const struct packet_list *history_beyond(const struct history *h);
 
-/* Takes the samples of the due packets from denoiser_half(.., 0 and 1). Do not call it if they are incomplete. more: as
- * in history_show. scale: the light that errors are relative to, float[packet_count][3][16]; NULL: the history's own.
- */
-void history_add(struct history *h, const float *const more[2], const float *scale);
+/* Takes the samples of the due packets from denoiser_half(.., 0 and 1). Do not call it if they are incomplete. scale:
+ * the light that errors are relative to, float[packet_count][3][16]; NULL: the history's own. */
+void history_add(struct history *h, const float *scale);
 
-/* After history_show: the estimated error of the displayed light in the picture rgb, float[height][width][3], which may
- * contain other light, too (stated.h). 0: unknown, in the first picture, with a cache and
- * in a picture that was cancelled before history_show. */
-double history_error(struct history *h, const float *rgb);
+/* B's halves a and b, for k = 0 and 1: float[packet_count][3][16]. Borrowed. */
+const float *history_half(const struct history *h, int k);
 
 /* Writes the picture's light to lo, float[packet_count][3][16]. more: two halves of further light of this picture, in
  * the same layout, which are filtered together with it if no cache exists; NULL: none. Ends the picture. */

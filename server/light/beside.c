@@ -16,7 +16,6 @@
  * minutes. */
 #define BRIGHTEST 4.0
 
-#define OMITS_FROM 5.0 /* peakedness: as the plan chooses caustics by the light tracer */
 #define MOST_PATHS 2   /* of a point, where eye paths find caustics */
 
 struct beside {
@@ -31,7 +30,6 @@ struct beside {
     float *image, *rest; /* [images][height][width][3]; rest: splats without a shade point, summed over pictures */
     uint32_t pictures;   /* in rest: since the sky or the estimator changed */
     uint64_t key, sky;   /* of the last picture; sky: a digest */
-    bool omits;          /* beside_omits */
     const struct relight_desc *grows; /* the picture's, if stored paths are to grow; else NULL */
 };
 
@@ -80,19 +78,6 @@ void beside_destroy(struct beside *b)
     mem_free(b);
 }
 
-/* Two skies with the same light on each of six faces are the same. */
-static uint64_t digest_of(const struct environment *e)
-{
-    uint64_t out = rng_mix(e->n, 0);
-
-    for (int f = 0; f < CUBE_FACES; f++) {
-        uint64_t bits;
-        memcpy(&bits, &e->energy[f], sizeof(bits));
-        out = rng_mix(out, bits);
-    }
-    return out;
-}
-
 bool beside_wanted(const struct set *set, const struct relight_desc *desc)
 {
     return desc->remember && set->facts.casters > 0 && desc->classes & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
@@ -100,7 +85,7 @@ bool beside_wanted(const struct set *set, const struct relight_desc *desc)
 
 static void begin(struct beside *b, uint64_t key, const struct environment *e, enum relight_glide glide)
 {
-    const uint64_t sky = digest_of(e);
+    const uint64_t sky = facts_sky_digest(e);
 
     history_begin(b->history, key);
     if (glide == GLIDE_BEGIN)
@@ -131,7 +116,6 @@ void beside_describe(struct beside *b, const struct environment *e, const struct
     own->behind_classes &= ~(uint32_t)PATH_INDIRECT_LIT;
     own->most = 3.0 * BRIGHTEST * e->total_energy / PI;
     own->paths = own->classes ? MOST_PATHS : own->behind_classes ? eye->paths : 0;
-    b->omits = own->paths > 0 && facts_peakedness(e) > OMITS_FROM;
     eye->classes &= PATH_INDIRECT_LIT;
     eye->behind_classes &= PATH_INDIRECT_LIT;
     if (!(eye->classes | eye->behind_classes))
@@ -269,20 +253,10 @@ enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics 
         return result;
     }
     const float *const stored[2] = { b->stored[0], b->stored[1] };
-    history_add(b->history, stored, s->lo);
+    history_add(b->history, s->lo);
     history_show(b->history, stored, b->shown);
     add_shown(b, s->lo);
     return ERR_OK;
-}
-
-struct history *beside_history(struct beside *b)
-{
-    return b->history;
-}
-
-bool beside_omits(const struct beside *b)
-{
-    return b->omits;
 }
 
 enum err beside_finish(const struct beside *b, struct backplate *ground, const struct environment *e, float *rgb)

@@ -40,12 +40,6 @@ MUST_CHECK enum err beside_run(struct beside *b, struct passes *s, struct religh
                                const struct environment *e, const struct picture_passes *passes,
                                struct relight_stats *stats);
 
-/* The history of this light. Borrowed. */
-struct history *beside_history(struct beside *b);
-
-/* Whether the limit omits light in the last picture that no measurement finds: that of a sky with a sun. */
-bool beside_omits(const struct beside *b);
-
 /* Adds to rgb, float[height][width][3], the splats on pixels without a directly visible shade point. ground: the
  * scene's, or NULL. ERR_NOMEM. */
 MUST_CHECK enum err beside_finish(const struct beside *b, struct backplate *ground, const struct environment *e,

@@ -281,6 +281,7 @@ enum err pilot_run(struct pilot *p, const struct environment *e, const struct re
     p->runs++;
     p->frame_s += (p->frame_s > 0.0 ? SMOOTH : 1.0) * (p->picture_s - p->frame_s);
     pilot_report(p, stats, measured);
+    relighter_state_error(p->relighter, e, light, true, rgb, stats);
     for (int part = 0; part < PILOT_PARTS; part++)
         measured->part[part].expected_seconds = expected_s[part];
     return result;

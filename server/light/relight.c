@@ -14,7 +14,8 @@
 #include "light/relighter.h"
 #include "light/resolve.h"
 #include "base/rng.h"
-#include "light/splats.h"
+#include "filter/splats.h"
+#include "light/stated.h"
 
 #include <string.h>
 
@@ -40,6 +41,7 @@ void relighter_destroy(struct relighter *r)
 {
     if (!r)
         return;
+    stated_destroy(r->stated);
     beside_destroy(r->beside);
     history_destroy(r->history);
     denoiser_destroy(r->denoiser);
@@ -281,7 +283,7 @@ static enum err correct(struct relighter *r, const struct environment *e, const 
     if (history_due(h)->count > 0)
         result = sample_beside_cache(r, e, p, stats);
     if (!result && !is_cancelled(p->cached->direct.cancel))
-        history_add(h, NULL, NULL);
+        history_add(h, NULL);
     history_show(h, NULL, lo);
     beyond.eye[0].only = history_beyond(h); /* elsewhere its light is in the history */
     return result ? result : run_eye_paths(r, e, &beyond, lo, stats);
@@ -324,7 +326,7 @@ static void filter_halves(struct relighter *r, const struct picture_passes *p)
     const float *const half[2] = { denoiser_half(r->denoiser, 0), denoiser_half(r->denoiser, 1) };
 
     if (p->history && !is_cancelled(p->direct.cancel)) {
-        history_add(p->history, NULL, NULL);
+        history_add(p->history, NULL);
         history_show(p->history, NULL, r->passes.lo);
     } else {
         denoiser_filter(r->denoiser, half, r->passes.lo);
@@ -376,16 +378,6 @@ static enum err run_points(struct relighter *r, const struct environment *e, con
     return result;
 }
 
-/* Estimates the error of a live picture (stated.h). */
-static void state_error(const struct picture_passes *p, const float *rgb, struct relight_stats *stats)
-{
-    const double own = p->history ? history_error(p->history, rgb) : 0.0;
-    const double beside = p->history && p->beside ? history_error(beside_history(p->beside), rgb) : 0.0;
-
-    if (own > 0.0 && !(p->beside && beside_omits(p->beside)))
-        stats->error = own + beside;
-}
-
 enum err relighter_run_passes(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
                               float *rgb, struct relight_stats *stats, struct pass_costs *costs)
 {
@@ -413,8 +405,6 @@ enum err relighter_run_passes(struct relighter *r, const struct environment *e, 
         result = beside_finish(passes->beside, r->passes.backplate, e, rgb);
     if (!result)
         result = run_light_tracer(r, e, passes, rgb, stats, costs);
-    if (!result)
-        state_error(passes, rgb, stats);
     costs->pixels_s = resolved - start;
     stats->shade_ms = 1e3 * costs->direct_s;
     stats->eye_ms = 1e3 * costs->eye_s;
@@ -541,10 +531,16 @@ enum err relighter_run(struct relighter *r, const struct environment *e, const s
         const double start = clock_seconds();
         const enum err failed = reference_run(r->set, e, desc, rgb, stats);
         stats->shade_ms = 1e3 * (clock_seconds() - start);
+        if (!failed)
+            relighter_state_error(r, e, desc, false, rgb, stats);
         return failed;
     }
-    const enum err result = relighter_describe(r, e, desc, &passes, stats);
-    return result ? result : run_with_progress(r, e, desc->progress, &passes, rgb, stats);
+    enum err result = relighter_describe(r, e, desc, &passes, stats);
+    if (!result)
+        result = run_with_progress(r, e, desc->progress, &passes, rgb, stats);
+    if (!result)
+        relighter_state_error(r, e, desc, false, rgb, stats);
+    return result;
 }
 
 /* ---- Parts of a picture (part.h) ---- */

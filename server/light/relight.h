@@ -104,8 +104,10 @@ struct relight_desc {
     struct progress *progress;         /* a progress line that the picture advances by one step; may be NULL. Not for
                                           references */
     const struct relight_whole *whole; /* METHOD_COMPONENTS; NULL: there is none */
-    bool afresh;                       /* METHOD_CACHED: compute all light, even what the last picture had */
-    bool unsplit;                      /* METHOD_CACHED: do not split the sky, so that its bright part is not traced */
+    double audit;    /* rays spent on stating the picture's error, over its own, and 20000 more. 0: it states none */
+    bool audit_live; /* without the 20000: pictures save their rays up, and their audits under one sky are kept */
+    bool afresh;     /* METHOD_CACHED: compute all light, even what the last picture had */
+    bool unsplit;    /* METHOD_CACHED: do not split the sky, so that its bright part is not traced */
     /* PLAN_STORED, with the same memory limit: the number of stored paths (0: 64 per pixel). Every turn redraws one of
      * `renew` parts (0: none). The picture depends on the turn, but not on earlier turns. */
     uint64_t stored_paths, turn;
@@ -134,9 +136,14 @@ struct relight_stats {           /* of one picture */
     double cache_ms;
     struct bounce_stats bounce; /* if the cache includes interreflection, */
     bool bounce_loaded;         /* and whether from a file */
-    double error;               /* of live pictures while caches are computed: estimated relMSE against the truth
-                                 * (stated.h); 0: unknown */
-    const char *bias;           /* a description of the picture's bias; NULL: none */
+    double error;               /* relMSE against the truth, by an audit (audit/audit.h); 0: unknown */
+    double error_at_most; /* where it is unknown: an upper bound, two standard errors above the estimate; 0: none */
+    struct {
+        uint32_t pixels;
+        uint64_t rays; /* for this picture */
+        double ms;
+    } audited;
+    const char *bias; /* a description of the picture's bias; NULL: none */
 };
 
 struct relighter;

@@ -91,6 +91,13 @@ MUST_CHECK enum err relighter_describe(struct relighter *r, const struct environ
                                        const struct relight_desc *desc, struct picture_passes *passes,
                                        struct relight_stats *stats);
 
+/* Audits rgb, the last picture, of desc under e with *stats, as far as desc->audit pays for: writes stats->error,
+ * error_at_most and audited. measured: the pilot's, of which parts may be missing that are part of the truth. Without
+ * memory the error is unknown. It is also unknown with a ground, for METHOD_COMPONENTS, and where particles or stored
+ * paths bring caustics: paths from the eye hardly find those. */
+void relighter_state_error(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
+                           bool measured, const float *rgb, struct relight_stats *stats);
+
 /* While held, the ground shows the share of the last picture's sky light, whichever sky lights it (backplate.h). */
 void relighter_hold_ground(struct relighter *r, bool hold);
 

@@ -1,4 +1,5 @@
-/* The relighter's state. Private to this room: only relight.c and part.c include it. Thread: the relighter's. */
+/* The relighter's state. Private to this room: only relight.c, part.c and stated.c include it. Thread: the
+ * relighter's. */
 #ifndef LIGHT_RELIGHTER_H
 #define LIGHT_RELIGHTER_H
 
@@ -7,6 +8,7 @@
 #include "light/relight_passes.h"
 
 struct light_team;
+struct stated;
 
 struct relighter {
     const struct set *set;
@@ -17,6 +19,7 @@ struct relighter {
     struct denoiser *denoiser; /* this and the next two: NULL until a picture needs them */
     struct history *history;
     struct beside *beside;
+    struct stated *stated; /* NULL until a picture states its error */
     const float *points;           /* the picture's shade points */
     const struct light_team *team; /* NULL: this process lights the points alone */
     bool half;                     /* round them to half floats */

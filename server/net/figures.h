@@ -75,6 +75,7 @@ struct server_figures {
     char paths[320];     /* which light the picture has and by which method: "direct light, caustics by light tracer" */
     char left_out[1024]; /* which it lacks, and why; "": none */
     double error;        /* estimated relMSE of the last picture; 0: unknown */
+    double error_at_most; /* an upper bound of it, where it is unknown; 0: none */
     uint64_t cache_bytes;
     double cache_share;  /* computed share of the cache, 0..1 */
     uint64_t passes;     /* unbiased ones in a refined still image; 0: it is not refined */

@@ -38,6 +38,14 @@ static json_t *picture_stats(const struct render *r, const struct relight_stats 
                      "cut_rays", g->cut_weight, "bytes", (json_int_t)g->bytes);
 }
 
+/* What an audit says of the frame's relMSE; nulls: it is not known. */
+static json_t *error_stats(const struct relight_stats *s)
+{
+    return json_pack("{s:o, s:o, s:i, s:I, s:f}", "estimate", s->error > 0.0 ? json_real(s->error) : json_null(),
+                     "upper_bound", s->error_at_most > 0.0 ? json_real(s->error_at_most) : json_null(), "pixels",
+                     (int)s->audited.pixels, "rays", (json_int_t)s->audited.rays, "ms", s->audited.ms);
+}
+
 /* The target, what was chosen, and the error that is expected of it. */
 static json_t *estimate_stats(const struct render *r, const struct pilot_stats *s)
 {
@@ -154,6 +162,7 @@ char *render_stats_text(struct render *r, const struct relight_stats *s, const s
             json_object_set_new(j, "auto", auto_stats(&r->decider.cache.last));
         if (r->lamps)
             json_object_set_new(j, "lamps", lamps_stats_of(r));
+        json_object_set_new(j, "error", error_stats(s));
         json_object_set_new(j, "estimate", measured ? estimate_stats(r, pilot) : json_null()); /* null: not known */
         text = json_dumps(j, JSON_REAL_PRECISION(6));
     }

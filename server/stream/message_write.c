@@ -236,7 +236,7 @@ static bool set_unknown(json_t *all, const struct server_figures *f)
         { "source.day", f->has_place },         { "place", f->has_place },
         { "preparing", f->preparing[0] },       { "lamps", f->lamp_samples_wanted > 0 },
     };
-    bool ok = true;
+    bool ok = f->error_at_most > 0.0 || set_at(all, "light.error_at_most", json_null());
 
     for (size_t i = 0; i < sizeof(parts) / sizeof(parts[0]); i++)
         ok = ok && (parts[i].known || set_at(all, parts[i].path, json_null()));

@@ -110,7 +110,7 @@ test('a change of method starts a new choice, with the server’s text of what w
   assert.match(choices[0], /^\d+, \d+ s ago: mis: direct light/);
   assert.ok(choices[0].includes(`Left out: ${light.left_out}`), `${choices[0]} for ${light.left_out}`);
   assert.deepEqual([...methods].sort(), ['auto', 'mis']);
-  assert.match(await page.textContent('#insight-words'), /does not estimate its error/);
+  assert.match(await page.textContent('#insight-words'), /its error is not known/);
 }));
 
 test('the stages of latency are the means of the headers of a second', () => withPage(AUTO, async (page) => {

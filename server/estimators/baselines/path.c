@@ -91,9 +91,8 @@ static void escape(struct walk *w)
 
 /* Next event estimation at a D lobe: one direction from the sky's table, balanced with the lobe, which is followed with
  * probability `share`. */
-static void light(struct walk *w, const struct scatter *at, const struct lobe *lobe, double share)
+static void light(struct walk *w, struct vec3 start, struct vec3 wo, const struct lobe *lobe, double share)
 {
-    const struct vec3 wo = scatter_side(at, vec3_scale(w->dir, -1.0f));
     const double x[2] = { number(w, PLACE_LIGHT), number(w, PLACE_LIGHT + 1) };
     float d[3], radiance[3], pdf;
     double brdf[3];
@@ -105,15 +104,14 @@ static void light(struct walk *w, const struct scatter *at, const struct lobe *l
     if (!(brdf[0] + brdf[1] + brdf[2] > 0.0))
         return;
     ++*w->rays;
-    if (rays_blocked(w->world->rays, surface_start(&at->surface, 1.0f), wi, 0.0f, INFINITY))
+    if (rays_blocked(w->world->rays, start, wi, 0.0f, INFINITY))
         return;
     add(w, brdf, radiance, vec3_dot_double(lobe->shading, wi) / (pdf + share * lobe_density(lobe, wo, wi)));
 }
 
 /* Continues by the D lobe, which was selected with probability `share`. */
-static bool follow_lobe(struct walk *w, const struct scatter *at, const struct lobe *lobe, double share)
+static bool follow_lobe(struct walk *w, struct vec3 start, struct vec3 wo, const struct lobe *lobe, double share)
 {
-    const struct vec3 wo = scatter_side(at, vec3_scale(w->dir, -1.0f));
     const double x[3] = { number(w, PLACE_LOBE), number(w, PLACE_LOBE + 1), number(w, PLACE_LOBE + 2) };
     const struct vec3 wi = lobe_sample(lobe, wo, x);
     double brdf[3];
@@ -124,7 +122,7 @@ static bool follow_lobe(struct walk *w, const struct scatter *at, const struct l
         return false;
     for (int k = 0; k < 3; k++)
         w->weight[k] *= brdf[k] * vec3_dot_double(lobe->shading, wi) / w->density;
-    w->origin = surface_start(&at->surface, 1.0f);
+    w->origin = start;
     w->dir = wi;
     w->after_delta = false;
     return true;
@@ -201,6 +199,7 @@ static bool meet(struct walk *w, const struct hit *h)
     const double sum = part[0] + part[1] + part[2], share = sum > 0.0 ? part[2] / sum : 0.0;
     const double choice = number(w, PLACE_CHOICE) * sum;
     const struct lobe lobe = lobe_of(&at);
+    const struct vec3 wo = scatter_side(&at, vec3_scale(w->dir, -1.0f)), start = surface_start(&at.surface, 1.0f);
 
     if (!(sum > 0.0))
         return false;
@@ -209,17 +208,33 @@ static bool meet(struct walk *w, const struct hit *h)
         lit.rough_events++;
         lit.after_delta = false;
         if (w->classes & class_now(&lit))
-            light(&lit, &at, &lobe, share);
+            light(&lit, start, wo, &lobe, share);
     }
     if (at.rough && choice >= part[0] + part[1]) {
         w->rough_events++;
-        if (!follow_lobe(w, &at, &lobe, share))
+        if (!follow_lobe(w, start, wo, &lobe, share))
             return false;
     } else {
         const int i = count == 2 && choice >= part[0];
         follow_delta(w, &delta[i], part[i] / sum);
     }
     return (w->classes & classes_ahead(w)) && survives(w);
+}
+
+/* From w->event on. */
+static void walk_on(struct walk *w)
+{
+    struct hit h;
+
+    for (; w->event < PATH_EVENTS_MAX; w->event++) {
+        ++*w->rays;
+        if (!rays_intersect(w->world->rays, w->origin, w->dir, 0.0f, &h)) {
+            escape(w);
+            return;
+        }
+        if (!meet(w, &h))
+            return;
+    }
 }
 
 void path_sample(const struct path_world *world, uint32_t classes, const double xy[2], struct numbers *numbers,
@@ -237,20 +252,36 @@ void path_sample(const struct path_world *world, uint32_t classes, const double 
         .rgb = rgb,
         .rays = rays,
     };
-    struct hit h;
 
     rgb[0] = rgb[1] = rgb[2] = 0.0;
-    if (!view_sees(world->view, xy[0], xy[1]))
+    if (view_sees(world->view, xy[0], xy[1]))
+        walk_on(&w);
+}
+
+void path_sample_point(const struct path_world *world, const struct shade_packet *p, uint32_t lane, uint32_t classes,
+                       struct numbers *numbers, double rgb[3], uint64_t *rays)
+{
+    const struct vec3 at = vec3_make(p->x[lane], p->y[lane], p->z[lane]);
+    const struct vec3 wo = vec3_make(p->wo_x[lane], p->wo_y[lane], p->wo_z[lane]);
+    const struct lobe lobe = lobe_of_lane(p, lane);
+    struct walk w = {
+        .world = world,
+        .numbers = numbers,
+        .classes = classes,
+        .weight = { 1.0, 1.0, 1.0 },
+        .scale = 1.0,
+        .rough_events = 1,
+        .rgb = rgb,
+        .rays = rays,
+    };
+
+    rgb[0] = rgb[1] = rgb[2] = 0.0;
+    if (classes & PATH_DIRECT)
+        light(&w, at, wo, &lobe, 1.0);
+    if (!follow_lobe(&w, at, wo, &lobe, 1.0))
         return;
-    for (; w.event < PATH_EVENTS_MAX; w.event++) {
-        ++*rays;
-        if (!rays_intersect(world->rays, w.origin, w.dir, 0.0f, &h)) {
-            escape(&w);
-            return;
-        }
-        if (!meet(&w, &h))
-            return;
-    }
+    w.event = 1;
+    walk_on(&w);
 }
 
 struct counter { /* random numbers as a function of seed, pixel, sample and index */

@@ -14,6 +14,7 @@
 #include "env/environment.h"
 #include "base/err.h"
 #include "estimators/paths.h"
+#include "scene/gbuffer.h"
 #include "scene/rays.h"
 #include "scene/scene.h"
 #include "scene/view.h"
@@ -73,5 +74,10 @@ struct numbers {
  * *rays. */
 void path_sample(const struct path_world *world, uint32_t classes, const double xy[2], struct numbers *numbers,
                  double rgb[3], uint64_t *rays);
+
+/* As path_sample, of the light of a shading point of the G-buffer towards the eye: classes are those of paths whose
+ * first rough surface is there. Positions 0 and 1 of the numbers and the first event's choice are not used. */
+void path_sample_point(const struct path_world *world, const struct shade_packet *p, uint32_t lane, uint32_t classes,
+                       struct numbers *numbers, double rgb[3], uint64_t *rays);
 
 #endif

@@ -1,5 +1,5 @@
-/* Lone splats in denoised pictures (light/splats.h). RING: docs/examples. */
-#include "light/splats.h"
+/* Lone splats in denoised pictures (filter/splats.h). RING: docs/examples. */
+#include "filter/splats.h"
 #include "light/stage.h"
 
 #include <math.h>

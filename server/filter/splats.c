@@ -1,4 +1,4 @@
-#include "light/splats.h"
+#include "filter/splats.h"
 
 #include "base/mem.h"
 

@@ -2,8 +2,8 @@
  * excess of a pixel over four times the brightest of the 24 around it, in the sum of its channels, is spread evenly
  * over the 5 x 5 pixels: the picture keeps its light, which moves by two pixels at most. Lines and spots of caustics
  * have bright neighbours and stay. */
-#ifndef LIGHT_SPLATS_H
-#define LIGHT_SPLATS_H
+#ifndef FILTER_SPLATS_H
+#define FILTER_SPLATS_H
 
 #include "base/err.h"
 

@@ -1,0 +1,36 @@
+/* The light of single pixels by path tracing, for audit.h: from the G-buffer's shade points, like the picture, but with
+ * code and random numbers of its own. Thread: any. */
+#ifndef AUDIT_TRACE_H
+#define AUDIT_TRACE_H
+
+#include "audit/audit.h"
+#include "env/environment.h"
+#include "scene/gbuffer.h"
+#include "scene/rays.h"
+#include "scene/scene.h"
+#include "scene/view.h"
+
+/* Low-discrepancy numbers of paths' first events. */
+#define AUDIT_NUMBERS_PATHS 256 /* more paths repeat them, shifted anew */
+#define AUDIT_NUMBERS_PLACES 18 /* one pair for the start, four for each of two events */
+struct audit_numbers {
+    uint64_t at[AUDIT_NUMBERS_PATHS][AUDIT_NUMBERS_PLACES]; /* units of 2^-64 */
+};
+void audit_numbers_fill(struct audit_numbers *n);
+
+struct audit_world {
+    const struct scene *scene; /* without a ground */
+    const struct rays *rays;
+    const struct gbuffer *gbuffer; /* with all packets and pixels */
+    const struct view *view;
+    const struct environment *environment; /* complete */
+    const struct audit_numbers *numbers;   /* filled */
+    uint32_t classes, behind;              /* PATH_* at points seen directly, and seen in mirrors and through glass */
+    bool background;                       /* the picture has the sky */
+    bool whole; /* the picture is a reference's (light/reference.h), of `classes`: paths begin in the pixel */
+};
+
+/* audit_desc.trace; self: a struct audit_world. */
+void audit_trace(void *world, const struct audit_question *q, struct audit_light *out);
+
+#endif
