@@ -184,11 +184,6 @@ const char *config_key(const struct config *c, size_t index)
     return c->entries[index].key;
 }
 
-unsigned config_line(const struct config *c, size_t index)
-{
-    return c->entries[index].line;
-}
-
 /* An array of strings, each as one flag on a command line. */
 static enum err apply_list(const struct config *c, const struct entry *entry, struct command_flag *f,
                            struct reason *why)

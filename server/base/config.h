@@ -30,7 +30,6 @@ bool config_is_readable_by_others(const struct config *c);
 
 size_t config_count(const struct config *c);                  /* number of keys */
 const char *config_key(const struct config *c, size_t index); /* in file order; index < config_count */
-unsigned config_line(const struct config *c, size_t index);   /* line of the key, from 1 */
 
 /* Copies the value of key `index` to the flag of that name. ERR_USAGE, with file, line and key: the table has no such
  * flag, or the flag does not take a value of this type. */

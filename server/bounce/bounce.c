@@ -149,8 +149,3 @@ void bounce_shade_part(struct bounce *b, const struct environment *e, float weig
         denormals_restore(before);
     }
 }
-
-void bounce_shade(struct bounce *b, const struct environment *e, const atomic_bool *cancel, float *lo)
-{
-    bounce_shade_part(b, e, 1.0f, cancel, lo);
-}

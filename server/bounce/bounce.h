@@ -13,8 +13,8 @@
  * constant over their voxel, and static gather noise that is smoothed over a group of blocks.
  * docs/internals/transport-cache.md has figures.
  *
- * One struct bounce per thread of control. bounce_create and bounce_shade run on all OpenMP threads and give the same
- * bits at any number of them. */
+ * One struct bounce per thread of control. bounce_create and bounce_shade_part run on all OpenMP threads and give the
+ * same bits at any number of them. */
 #ifndef BOUNCE_BOUNCE_H
 #define BOUNCE_BOUNCE_H
 
@@ -84,9 +84,6 @@ const struct transport_indirect *bounce_indirect(const struct bounce *b);
  * transport_shade. cancel: NULL, or a flag that ends it early. */
 void bounce_shade_part(struct bounce *b, const struct environment *e, float weight, const atomic_bool *cancel,
                        float *lo);
-
-/* As bounce_shade_part, with a weight of 1. */
-void bounce_shade(struct bounce *b, const struct environment *e, const atomic_bool *cancel, float *lo);
 
 /* Valid as long as b. */
 const struct bounce_stats *bounce_stats(const struct bounce *b);

@@ -131,15 +131,6 @@ static bool crosses(const struct start *s, const struct start_shape *k, const do
     return cross_box(low, high, d, s->along, &enter);
 }
 
-double start_density(const struct start *s, const double p[3])
-{
-    uint32_t count = 0;
-
-    for (uint32_t k = 0; k < s->count; k++)
-        count += s->areas[k] > 0.0 && crosses(s, &s->shapes[k], p);
-    return count ? count / s->area : 0.0;
-}
-
 /* Selects one of several adjacent intervals by *at, and rescales *at to 0..1 within it. */
 static uint32_t pick(const double *length, uint32_t count, double *at)
 {

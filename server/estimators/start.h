@@ -50,9 +50,6 @@ void start_init(struct start *s, enum start_kind kind, const struct box *boxes, 
  * area. */
 bool start_sample(const struct start *s, const double x[2], struct vec3 *origin, double *density);
 
-/* The density, m^-2, of the line through p; 0 if it cannot be sampled. */
-double start_density(const struct start *s, const double p[3]);
-
 /* Reduces the boxes, in place, to at most START_BOXES_MAX by joining the pairs whose common box adds the least surface
  * area. Returns the number left. */
 uint32_t start_join(struct box *boxes, size_t count);

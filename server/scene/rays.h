@@ -1,6 +1,6 @@
 /* server/scene/rays.h */
 /* Ray queries on a scene, through Embree, which no other file uses. Rays pass through holes in surfaces (coverage.h).
- * Thread: any, once rays_create has returned. The caller owns all arrays. */
+ * Thread: any, once rays_create_for has returned. The caller owns all arrays. */
 #ifndef SCENE_RAYS_H
 #define SCENE_RAYS_H
 
@@ -46,8 +46,7 @@ struct surface {
  * that one machine can test the code path of another. The caller owns the result. NULL when out of memory or when
  * Embree fails, which is logged. Runs on all OpenMP threads. */
 struct rays *rays_create_for(const struct scene *scene, enum cpu_level level);
-struct rays *rays_create(const struct scene *scene); /* for the best level of this CPU */
-void rays_destroy(struct rays *r);                   /* NULL is allowed */
+void rays_destroy(struct rays *r); /* NULL is allowed */
 
 /* Coherence of a packet's rays: a performance hint that does not affect results. */
 enum ray_spread {

@@ -144,11 +144,6 @@ failed:
     return NULL;
 }
 
-struct rays *rays_create(const struct scene *scene)
-{
-    return rays_create_for(scene, cpu_best());
-}
-
 void rays_destroy(struct rays *r)
 {
     if (!r)

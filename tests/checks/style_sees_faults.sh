@@ -80,6 +80,15 @@ plant server/base/a.h "$(printf '/* Thread: any. */\n\n/* Adds. */\nint a(int b)
 expect 'server/base/a.h:6: c has no comment'
 plant server/base/a.h "$(printf '/* Adds. */\nint a(int b);\n')"
 expect 'server/base/a.h:1: does not say which threads'
+callers() { # TREE
+    /usr/bin/python3 -B "$checks/callers.py" "$1"
+}
+style=callers
+plant server/base/a.h "$(printf 'int a(int b);\n')"
+printf '/* a(1) */\nint a(int b)\n{\n    return b;\n}\n' >"$tree/server/base/a.c"
+expect 'server/base/a.h: a: nothing but tests calls it'
+echo 'int b = a(1);' >"$tree/server/env/a.c"
+"$style" "$tree"
 style="$checks/rooms.sh"
 rooms_tree() { # FILE, text: the same, with a table of its rooms
     plant "$1" "$2"

@@ -165,9 +165,9 @@ static int measure(const char *path)
         s[0]->materials[i].thin = false;
     }
     const double from = clock_seconds();
-    struct rays *opaque = rays_create(s[0]);
+    struct rays *opaque = rays_create_for(s[0], cpu_best());
     const double between = clock_seconds();
-    struct rays *masked = rays_create(s[1]);
+    struct rays *masked = rays_create_for(s[1], cpu_best());
     printf("%s: %llu triangles, built in %.2f and %.2f s; ", path, (unsigned long long)s[0]->triangle_count,
            between - from, clock_seconds() - between);
     if (opaque && masked && load.packets && load.singles)

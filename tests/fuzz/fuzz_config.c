@@ -105,6 +105,15 @@ static const char *line_at(const char *text, size_t size, unsigned line, size_t 
     return text;
 }
 
+/* The line that a reason about key i names. */
+static unsigned line_of(const struct config *c, size_t i)
+{
+    struct reason why = { "" };
+
+    (void)config_add_location(c, i, ERR_USAGE, &why);
+    return (unsigned)strtoul(why.text + sizeof(NAME), NULL, 10);
+}
+
 /* Without escapes, the quoted key is on the reported line. */
 static void check_lines(const struct config *c, const char *text, size_t size, unsigned lines)
 {
@@ -112,7 +121,7 @@ static void check_lines(const struct config *c, const char *text, size_t size, u
     unsigned before = 1;
 
     for (size_t i = 0; i < config_count(c); i++) {
-        const unsigned line = config_line(c, i);
+        const unsigned line = line_of(c, i);
         const size_t want = strlen(config_key(c, i));
         bool found = !plain;
         size_t length;

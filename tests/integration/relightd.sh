@@ -40,7 +40,7 @@ get() {
 }
 
 the_page_and_its_health_are_served() {
-    start
+    start --source sky:size=128x64
     get / >"$work/page"
     grep -q '200 OK' "$work/page" || { cat "$work/page"; fail "no page"; }
     grep -q '<canvas' "$work/page" || fail "the page has no canvas"
@@ -65,7 +65,7 @@ sigterm_ends_it_with_code_0() {
 }
 
 a_port_in_use_is_said_before_the_long_work() {
-    start
+    start --source sky:size=128x64
     expect 1 "port $port.*in use" "$bin/relightd" --port "$port" --size 16x9
     stop
 }
@@ -114,7 +114,7 @@ says() {
 }
 
 light_transport_is_computed_beside_the_pictures_and_kept() {
-    start --method cached
+    start --method cached --size 32x18 --source sky:size=128x64
     says 'beside the pictures'
     says 'there coarsely after'
     says 'interreflection: computed in'
@@ -122,7 +122,7 @@ light_transport_is_computed_beside_the_pictures_and_kept() {
     says 'light transport and interreflection: kept in'
     stop
     [ "$code" = 0 ] || fail "exit code $code"
-    start --method cached
+    start --method cached --size 32x18 --source sky:size=128x64
     says 'loaded in'
     stop
     [ "$code" = 0 ] || fail "exit code $code"
@@ -133,7 +133,7 @@ light_transport_is_computed_beside_the_pictures_and_kept() {
 a_signal_ends_it_while_light_transport_is_computed() {
     local i
     for i in 0 0.7; do
-        start --method cached --size 640x360
+        start --method cached --size 640x360 --source sky:size=128x64
         sleep $i
         stop
         [ "$code" = 0 ] || { cat "$work/log"; fail "exit code $code after $i s"; }
@@ -143,7 +143,7 @@ a_signal_ends_it_while_light_transport_is_computed() {
 }
 
 who_wants_to_wait_for_light_transport_waits() {
-    start --method cached --cache-wait --cache-file off
+    start --method cached --cache-wait --cache-file off --size 32x18 --source sky:size=128x64
     grep -q 'the first frame waits for it' "$work/log" || { cat "$work/log"; fail "it does not wait"; }
     stop
     [ "$code" = 0 ] || fail "exit code $code"

@@ -328,7 +328,7 @@ static inline struct set *set_of(struct scene *s, const struct camera *camera, u
         assert_int_equal(scene_finish(s, "a scene made by hand", &why), ERR_OK);
     g.interleave = 2;
     set->scene = s;
-    set->rays = rays_create(s);
+    set->rays = rays_create_for(s, cpu_best());
     assert_non_null(set->rays);
     if (gbuffer_create(s, set->rays, &g, &set->gbuffer, &why))
         fail_msg("%s", why.text);

@@ -142,7 +142,7 @@ static void the_suns_disc_is_seen_or_not(void **state)
     float lux[4];
 
     (void)state;
-    struct rays *rays = rays_create(s);
+    struct rays *rays = rays_create_for(s, cpu_best());
     sunlight_lux(s, rays, at, 4, sun, 50000.0, lux);
     assert_true(fabsf(lux[0] - 40000.0f) < 0.1f && lux[1] == 0.0f && lux[2] == 0.0f);
     assert_true(lux[3] > 40000.0f * 0.3f && lux[3] < 40000.0f * 0.7f);
@@ -159,7 +159,7 @@ static void a_sensor_within_a_solid_is_found(void **state)
     size_t first = 0;
 
     (void)state;
-    struct rays *rays = rays_create(s);
+    struct rays *rays = rays_create_for(s, cpu_best());
     assert_int_equal(points_enclosed(&p, s, rays, &first), 1);
     assert_int_equal(first, 2);
     at[2].normal.y = -1.0f;  /* the lower side's back */
@@ -187,7 +187,7 @@ static void the_sun_behind_a_tinted_pane_is_weighted_by_its_transmittance(void *
         s->materials[0].texture = s->materials[0].alpha_texture = MATERIAL_NO_TEXTURE;
         const struct vec3 once = sheet_at(1.5f, tint, 0.8f).passed;
         const double twice[3] = { once.x * once.x, once.y * once.y, once.z * once.z };
-        struct rays *rays = rays_create(s);
+        struct rays *rays = rays_create_for(s, cpu_best());
         sunlight_lux(s, rays, &at, 1, sun, 50000.0, &lux);
         const double want = 40000.0 * luminance_of(LUMINANCE_REC709, twice);
         if (!(fabs(lux - want) < 2e-3 * want)) /* the disc is not a point */

@@ -43,7 +43,7 @@ static struct bounce *bounce_of(const struct lit *x, const struct transport *t, 
 static void shade_bounce(struct bounce *b, struct lit *x, const struct environment *e)
 {
     clear(x);
-    bounce_shade(b, e, NULL, x->lo);
+    bounce_shade_part(b, e, 1.0f, NULL, x->lo);
 }
 
 /* Means by colours over the points that are seen directly (0) and behind mirrors and glass (1), without packets that

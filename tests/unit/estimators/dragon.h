@@ -41,7 +41,7 @@ static inline struct view view_load(uint32_t width, uint32_t height, const char 
     struct view v = { .e = load_sky(unit_data(sky), 256), .scene = load_or_fail(unit_data("../scenes/dragon.json")) };
     struct reason why = { "" };
 
-    v.rays = rays_create(v.scene);
+    v.rays = rays_create_for(v.scene, cpu_best());
     assert_non_null(v.rays);
     const struct gbuffer_desc d = {
         .camera = scene_camera(v.scene, NULL), .width = width, .height = height, .edge_rays = 1

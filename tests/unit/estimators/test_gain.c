@@ -148,7 +148,7 @@ static void tabulate(const char *what, const struct environment *e, enum lobe_ki
 {
     struct gbuffer g = packets_of_neighbours(kind, 0.3f, specular, gloss);
     struct scene *scene = nothing_to_see();
-    struct rays *rays = rays_create(scene);
+    struct rays *rays = rays_create_for(scene, cpu_best());
     struct sky_table t = { 0 };
 
     assert_non_null(rays);

@@ -75,7 +75,7 @@ static void a_thin_pane_lights_the_floor_by_what_it_reflects(void **state)
         .kind = MATERIAL_GLASS, .diffuse = { 1, 1, 1 }, .texture = MATERIAL_NO_TEXTURE, .ior = 1.5f, .thin = 1
     };
     rays_destroy(s.rays);
-    s.rays = rays_create(s.scene);
+    s.rays = rays_create_for(s.scene, cpu_best());
     const struct tally whole = stage_trace(&s, e, d, 16, pixels);
     compare("pane", &whole, want, 8e-3); /* nine tenths of the particles pass the pane */
     stage_free(&s);
@@ -343,7 +343,7 @@ static void half_of_the_particles_meet_a_caster_of_the_ring_scene(void **state)
     struct scene *scene = load_or_fail(unit_data("../scenes/ring.json"));
     struct view v;
     (void)state;
-    struct rays *r = rays_create(scene);
+    struct rays *r = rays_create_for(scene, cpu_best());
     view_init(&v, scene_camera(scene, NULL), 32, 18);
     struct light_tracer *t = light_tracer_create(scene, r, &v);
     printf("| sun | faces | quad | disc |\n|---|---|---|---|\n");

@@ -40,7 +40,7 @@ struct lit {
 
 static struct lit lit_create(struct scene *scene, uint32_t width, uint32_t height)
 {
-    struct lit x = { .scene = scene, .rays = rays_create(scene) };
+    struct lit x = { .scene = scene, .rays = rays_create_for(scene, cpu_best()) };
     struct reason why;
     const struct gbuffer_desc desc = { .camera = scene->cameras, .width = width, .height = height, .edge_rays = 1 };
     assert_non_null(x.rays);

@@ -100,7 +100,7 @@ static inline struct stage stage_make(struct scene *s, struct vec3 from, struct 
     struct reason why;
 
     assert_int_equal(scene_finish(s, "test", &why), ERR_OK);
-    out.rays = rays_create(s);
+    out.rays = rays_create_for(s, cpu_best());
     assert_non_null(out.rays);
     view_init(&out.view, &c, width, height);
     assert_true(width * height <= PICTURE_MAX);

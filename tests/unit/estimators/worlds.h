@@ -24,7 +24,7 @@ static inline void world_make(struct world *w, struct scene *scene, const struct
     if (scene->triangle_count == 0) /* made by hand: its bounds are still to be found */
         assert_int_equal(scene_finish(scene, "a scene made by hand", NULL), ERR_OK);
     w->scene = scene;
-    w->rays = rays_create(scene);
+    w->rays = rays_create_for(scene, cpu_best());
     w->environment = sky;
     assert_true(w->scene && w->rays && w->environment);
     view_init(&w->view, camera, width, height);

@@ -345,7 +345,7 @@ static void vertex_colours_multiply_the_base_colour(void **state)
         make_scene(&m, NODE "," MESH("\"attributes\":{\"POSITION\":0,\"COLOR_0\":2},\"indices\":1,\"material\":"
                                      "0") ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.9,"
                                           "0.6,0.3,1],\"metallicFactor\":0}}]");
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     const struct vec3 down = { 0.0f, 0.0f, -1.0f };
     assert_non_null(r);
     assert_true(rays_intersect(r, vec3_make(2.0f / 3.0f, 1.0f / 3.0f, 5.0f), down, 0.0f, &hit));

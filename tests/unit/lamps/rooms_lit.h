@@ -17,7 +17,9 @@ static inline void lit_make(struct lit *l, struct scene *scene, const struct cam
     const struct gbuffer_desc desc = { .camera = camera, .width = width, .height = height, .edge_rays = edges ? 0 : 1 };
 
     assert_int_equal(scene_finish(scene, "a scene made by hand", NULL), ERR_OK);
-    *l = (struct lit){ .set = { .name = "a scene made by hand", .scene = scene, .rays = rays_create(scene) } };
+    *l = (struct lit){
+        .set = { .name = "a scene made by hand", .scene = scene, .rays = rays_create_for(scene, cpu_best()) }
+    };
     assert_non_null(l->set.rays);
     l->set.gbuffer = gbuffer_of(scene, l->set.rays, &desc);
     view_init(&l->set.view, camera, width, height);

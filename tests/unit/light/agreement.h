@@ -142,7 +142,7 @@ static inline void world_look(struct world *w, uint32_t width, uint32_t height)
     struct reason why = { "" };
 
     if (!w->rays)
-        w->rays = rays_create(w->scene);
+        w->rays = rays_create_for(w->scene, cpu_best());
     assert_non_null(w->rays);
     world_close_look(w);
     if (gbuffer_create(w->scene, w->rays, &desc, &w->gbuffer, &why))

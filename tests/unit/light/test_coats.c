@@ -153,7 +153,7 @@ static void assert_caches_agree(struct material floor)
     const double got = mean_of_pixels(&x);
     assert_int_equal(bounce_create(&desc, best_kernels(), &b, &why), ERR_OK);
     clear(&x);
-    bounce_shade(b, e, NULL, x.lo);
+    bounce_shade_part(b, e, 1.0f, NULL, x.lo);
     const double got_later = mean_of_pixels(&x);
     printf("transport %.5f, want %.5f; bounce %.5f, want %.5f\n", got, want, got_later, want_later);
     assert_true(fabs(got / want - 1.0) < 0.02);
@@ -247,7 +247,7 @@ static double whole_albedo(struct material m, double cosine, double *of_coat)
     struct mesh *mesh = add_mesh(s, m, 4, 2);
     memcpy(mesh->indices, two, sizeof(two));
     memcpy(mesh->positions, q, sizeof(q));
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     assert_true(rays_intersect(r, wo, vec3_scale(wo, -1.0f), 0.0f, &h));
     rays_surface(r, &h, wo, &at.surface);
     scatter_on(s, &h, NULL, &at);

@@ -39,7 +39,7 @@ static struct stand *stand_on(struct scene *scene, bool ground, bool fine, struc
     if (ground && scene_add_ground(scene, "test", &why))
         fail_msg("%s", why.text);
     s->whole.scene = scene;
-    s->whole.rays = rays_create(scene);
+    s->whole.rays = rays_create_for(scene, cpu_best());
     assert_non_null(s->whole.rays);
     if (set_create_view(&s->whole, &desc, NULL, &s->set, &why))
         fail_msg("%s", why.text);

@@ -142,7 +142,7 @@ static void caches_in_a_shell_with_holes(void **state)
     const double direct = mean_of_points(&x);
     assert_int_equal(bounce_create(&desc, best_kernels(), &b, &why), ERR_OK);
     clear(&x);
-    bounce_shade(b, e, NULL, x.lo);
+    bounce_shade_part(b, e, 1.0f, NULL, x.lo);
     const double indirect = mean_of_points(&x);
     printf("transport %.5f, want %.5f; bounce %.5f, want %.5f\n", direct, at_once(), indirect, by_way_of_others());
     assert_true(fabs(direct / at_once() - 1.0) < 5e-3);

@@ -115,7 +115,7 @@ static void caches_in_a_shell_that_transmits(void **state)
     const double direct = mean_of_pixels(&x);
     assert_int_equal(bounce_create(&desc, best_kernels(), &b, &why), ERR_OK);
     clear(&x);
-    bounce_shade(b, e, NULL, x.lo);
+    bounce_shade_part(b, e, 1.0f, NULL, x.lo);
     const double indirect = mean_of_pixels(&x);
     printf("transport %.5f, want %.5f; bounce %.5f, want %.5f\n", direct, transmits, indirect, later);
     assert_true(fabs(direct / transmits - 1.0) < 5e-3);
@@ -172,7 +172,7 @@ static double albedo_towards(double cosine, enum material_kind kind, float facto
     struct mesh *mesh = add_mesh(s, m, 4, 2);
     memcpy(mesh->indices, two, sizeof(two));
     memcpy(mesh->positions, q, sizeof(q));
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     assert_true(rays_intersect(r, vec3_make(x, y, 0.0f), dir, 0.0f, &h));
     rays_surface(r, &h, vec3_scale(dir, -1.0f), &at.surface);
     scatter_on(s, &h, NULL, &at);

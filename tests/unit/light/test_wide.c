@@ -53,7 +53,7 @@ static void fine_sky_in_a_mirror_ball_does_not_alias(void **state)
     (void)state;
     assert_int_equal(scene_add_material(s, &mirror, &material), ERR_OK);
     add_ball(s, material, 1.0f, 128);
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     for (uint32_t t = 0; t < f.width * f.height; t++)
         sky_paint(&f, t % f.width, t / f.width, (float)(rng_hash(t) & 1), 0.0f, 0.0f);
     struct environment *e = sky_environment(f, 256, 0.0);

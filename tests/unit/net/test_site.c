@@ -1,13 +1,12 @@
 /* The page's files: which are served, under which address, and what is refused. */
 #include "net/site.h"
+#include "support/folder.h"
 #include "support/unit.h"
 
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
-
-static char folder[64];
 
 static void put(const char *name, const char *text)
 {
@@ -18,21 +17,6 @@ static void put(const char *name, const char *text)
     assert_non_null(f);
     fputs(text, f);
     fclose(f);
-}
-
-static int make_folder(void **state)
-{
-    (void)state;
-    strcpy(folder, "/tmp/relight-site-XXXXXX");
-    return mkdtemp(folder) ? 0 : -1;
-}
-
-static int remove_folder(void **state)
-{
-    char command[100];
-    (void)state;
-    snprintf(command, sizeof(command), "rm -r %s", folder);
-    return system(command);
 }
 
 static void assert_file(const struct site *s, const char *path, const char *type, const char *text)

@@ -1,4 +1,5 @@
 /* Certificate and key: what is refused with which reason, when the certificate ends, and what a handshake shows. */
+#include "support/folder.h"
 #include "support/unit.h"
 
 #include "net/tls.h"
@@ -10,7 +11,7 @@
 #include <time.h>
 #include <unistd.h>
 
-static char folder[64], cert[2][128], key[2][128];
+static char cert[2][128], key[2][128];
 
 /* Pair k, valid between two times relative to now. */
 static void make_pair(int k, long from_s, long to_s)
@@ -33,21 +34,6 @@ static void make_pair(int k, long from_s, long to_s)
     fclose(f);
     X509_free(x);
     EVP_PKEY_free(pair);
-}
-
-static int make_folder(void **state)
-{
-    (void)state;
-    strcpy(folder, "/tmp/relight-pair-XXXXXX");
-    return mkdtemp(folder) ? 0 : -1;
-}
-
-static int remove_folder(void **state)
-{
-    char command[100];
-    (void)state;
-    snprintf(command, sizeof(command), "rm -r %s", folder);
-    return system(command);
 }
 
 static void must_refuse(const char *c, const char *k, const char *file, const char *about)

@@ -23,7 +23,7 @@ struct stand { /* a scene with its picture */
 
 static struct stand stand_make(struct scene *scene, const struct camera *camera, struct environment *sky)
 {
-    struct stand s = { .scene = scene, .rays = rays_create(scene), .sky = sky };
+    struct stand s = { .scene = scene, .rays = rays_create_for(scene, cpu_best()), .sky = sky };
     struct reason why;
     const struct gbuffer_desc desc = { .camera = camera, .width = WIDTH, .height = HEIGHT };
 

@@ -81,7 +81,7 @@ static struct vec3 sun_at(double hour, double declination_degrees)
 static void hour_lines_lie_where_the_shadow_falls(void **state)
 {
     struct scene *s = scene_create_builtin();
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
 
     (void)state;
     for (int hour = -6; hour <= 6; hour++) {
@@ -103,7 +103,7 @@ static void hour_lines_lie_where_the_shadow_falls(void **state)
 static void sundial_tells_the_hour(void **state)
 {
     struct scene *s = scene_create_builtin();
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     const struct vec3 foot = { 0.0f, 0.52f, -1.1f }; /* just above the plates of the dial */
     int asked = 0;
 

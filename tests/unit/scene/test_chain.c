@@ -24,7 +24,7 @@ static struct gbuffer *look(struct scene *s, struct rays **r, const struct camer
     struct reason why = { "" };
     struct gbuffer *g = NULL;
 
-    *r = rays_create(s);
+    *r = rays_create_for(s, cpu_best());
     if (gbuffer_create(s, *r, &d, &g, &why))
         fail_msg("%s", why.text);
     return g;
@@ -276,7 +276,7 @@ static void shared_ring_adds_up_through_glass_and_gold(void **state)
 {
     struct scene *s = load_or_fail(unit_data("../scenes/ring.json"));
     const struct gbuffer_desc d = { .camera = scene_camera(s, NULL), .width = 160, .height = 90 };
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     struct gbuffer *g = NULL;
     double red = 0.0, blue = 0.0;
 
@@ -365,7 +365,7 @@ static uint32_t compare_widths(enum material_kind kind, int which, float worst[2
     uint32_t compared = 0;
 
     add_ball(s, add_material(s, kind, vec3_make(1, 1, 1), 1.5f), 1.0f, 128);
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     assert_int_equal(gbuffer_create(s, r, &d, &g, NULL), ERR_OK);
     worst[0] = worst[1] = 1.0f;
     for (uint32_t y = 0; y < 63; y++)
@@ -425,7 +425,7 @@ static void widths_are_finite_and_positive(void **state)
             add_ball(s, add_material(s, MATERIAL_MIRROR, vec3_make(1, 1, 1), 0.0f), 0.5f, 5);
             add_box(s, add_material(s, MATERIAL_GLASS, vec3_make(1, 1, 1), 1.3f), (const float[3]){ -2, -0.1f, -2 },
                     (const float[3]){ 2, 0.1f, 2 });
-            struct rays *r = rays_create(s);
+            struct rays *r = rays_create_for(s, cpu_best());
             assert_int_equal(gbuffer_create(s, r, &d, &g, NULL), ERR_OK);
             assert_true(g->escape_first[80 * 80] > 80 * 80);
             for (uint32_t k = 0; k < g->escape_first[80 * 80]; k++)

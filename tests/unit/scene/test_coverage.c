@@ -156,7 +156,7 @@ static void a_mask_stops_the_rays_that_meet_it(void **state)
     (void)state;
     add_card(s, add_holed(s, ALPHA_MASK, 1.0f, add_alpha(s, 4)), 0.0f, 0.0f, 0.5f);
     assert_float_equal(stopped(s, 2000, near_edge), 0.5, 0.01); /* sigma: 0.003 */
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     for (int k = 0; k < 1000; k++) {
         struct ray16 p;
         rays_through(&p, &random);
@@ -239,7 +239,7 @@ static struct gbuffer *look(const struct scene *s, uint32_t edge_rays)
     /* not straight before it: the card's diagonal is where either triangle may be hit */
     static const struct camera front = { "front", { 0.013f, 0.007f, 1.5f }, { 0, 0, 0 }, { 0, 1, 0 }, 0.9f };
     const struct gbuffer_desc d = { .camera = &front, .width = 24, .height = 24, .edge_rays = edge_rays };
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     struct gbuffer *g;
     struct reason why;
 
@@ -498,7 +498,7 @@ static void a_thin_sheet_is_seen_in_its_colours(void **state)
 
     (void)state;
     add_card(s, add_sheet(s), 0.0f, 0.0f, 0.5f);
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     assert_int_equal(gbuffer_create(s, r, &desc, &g, &why), ERR_OK);
     for (int k = 0; k < 3; k++) {
         const double through = passing(0.04, (double)tint[k]), back = 0.04 + 0.04 * (double)tint[k] * through;

@@ -26,7 +26,7 @@ static struct view view_quads(const float (*corners)[3], uint32_t quads, uint32_
 
     add_quads(v.scene, add_lambert(v.scene, 0.5f), corners, quads);
     assert_int_equal(scene_finish(v.scene, "quads", NULL), ERR_OK);
-    v.rays = rays_create(v.scene);
+    v.rays = rays_create_for(v.scene, cpu_best());
     v.g = gbuffer_of(v.scene, v.rays, &d);
     return v;
 }
@@ -107,7 +107,7 @@ static void half_covered_pixels_weigh_half(void **state)
 static void weights_sum_to_one_everywhere(void **state)
 {
     struct scene *s = scene_create_builtin();
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     const struct gbuffer_desc d = { .camera = scene_camera(s, NULL), .width = 160, .height = 90 };
     struct gbuffer *g = gbuffer_of(s, r, &d);
 
@@ -188,7 +188,7 @@ static uint32_t points_on_ridge(float fall, const float left[3], const float rig
     for (int i = 0; i < 8; i++)
         memcpy(n + 3 * i, i < 4 ? left : right, 3 * sizeof(*n));
     s->meshes[0].normals = n;
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     struct gbuffer *g = gbuffer_of(s, r, &d);
     const size_t i = (size_t)20 * 64 + 32;
     const uint32_t points = g->entry_first[i + 1] - g->entry_first[i];
@@ -233,7 +233,7 @@ static void same_bits_at_any_number_of_threads(void **state)
             s->materials[i].ior = 1.5f;
         }
     }
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     const struct gbuffer_desc d = { .camera = scene_camera(s, NULL), .width = 200, .height = 112 };
     omp_set_num_threads(1);
     struct gbuffer *one = gbuffer_of(s, r, &d);
@@ -253,7 +253,7 @@ static void same_bits_at_any_number_of_threads(void **state)
 static void packets_are_whole(void **state)
 {
     struct scene *s = scene_create_builtin();
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     const struct gbuffer_desc d = { .camera = scene_camera(s, NULL), .width = 160, .height = 90 };
     struct gbuffer *g = gbuffer_of(s, r, &d);
     uint8_t *used = mem_alloc((size_t)g->packet_count * PACKET, 1);
@@ -357,7 +357,7 @@ static void textures_are_averaged_over_the_pixel(void **state)
     const float uv[8] = { 0, 0, 1.21f, 0, 1.21f, 1, 0, 1 }; /* so that no pixel's centre is like the next */
     s->meshes[0].uvs = mem_alloc(8, sizeof(float));
     memcpy(s->meshes[0].uvs, uv, sizeof(uv));
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     struct gbuffer *g = gbuffer_of(s, r, &d);
     assert_int_equal(g->point_count, 16); /* one point each: colours do not part a pixel */
     for (int i = 0; i < 16; i++) {
@@ -387,7 +387,7 @@ static void one_ray_sees_the_mean_of_its_footprint(void **state)
     add_quads(s, 0, wall, 1);
     s->meshes[0].uvs = mem_alloc(8, sizeof(float));
     memcpy(s->meshes[0].uvs, uv, sizeof(uv));
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     struct gbuffer *g = gbuffer_of(s, r, &d);
     assert_int_equal(g->point_count, 64);
     for (uint32_t i = 0; i < g->packet_count; i++)
@@ -416,7 +416,7 @@ static void ggx_carries_its_parameters(void **state)
     (void)state;
     assert_int_equal(scene_add_material(s, &m, NULL), ERR_OK);
     add_quads(s, 0, wall, 1);
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     struct gbuffer *g = gbuffer_of(s, r, &d);
     assert_int_equal(g->packet_count, 1);
     assert_int_equal(g->packets[0].kind, LOBE_GGX);
@@ -519,7 +519,7 @@ static void every_pixel_can_be_taken_as_an_edge(void **state)
 static void shared_plaza_has_a_shade_point_where_it_should(void **state)
 {
     struct scene *s = load_or_fail(unit_data("../scenes/plaza.json"));
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     const struct gbuffer_desc d = { .camera = scene_camera(s, NULL), .width = 160, .height = 90 };
     struct gbuffer *g = gbuffer_of(s, r, &d);
 

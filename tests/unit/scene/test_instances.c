@@ -386,7 +386,7 @@ static void each_instance_draws_its_own_coverage(void **state)
         const float matrix[3][4] = { { 1, 0, 0, 0 }, { 0, 1, 0, 0 }, { 0, 0, 1, (float)i } };
         assert_int_equal(scene_add_instance(s, 0, "", matrix), ERR_OK);
     }
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     for (uint64_t i = 0; i < 20000; i++) {
         uint64_t n = 2 * i;
         const struct vec3 from = { (float)(0.9 * draw(&n)), (float)(0.9 * draw(&n)), -1 };
@@ -401,7 +401,7 @@ static void each_instance_draws_its_own_coverage(void **state)
 /* No ray that leaves a surface meets its own triangle. */
 static void assert_left(const struct scene *s, uint32_t least)
 {
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     uint32_t left = 0;
 
     for (uint64_t i = 0; i < 10 * RAYS; i++) {

@@ -21,7 +21,7 @@ static struct gbuffer *make(const struct scene *s, const struct rays *r, uint32_
 static void packets_hold_the_pixels_of_one_set(void **state)
 {
     struct scene *s = scene_create_builtin();
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     struct gbuffer *plain = make(s, r, 0);
     (void)state;
 
@@ -55,7 +55,7 @@ static void packets_hold_the_pixels_of_one_set(void **state)
 static void one_asked_for_is_the_same_as_none(void **state)
 {
     struct scene *s = scene_create_builtin();
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     struct gbuffer *none = make(s, r, 0), *one = make(s, r, 1);
     (void)state;
 
@@ -71,7 +71,7 @@ static void one_asked_for_is_the_same_as_none(void **state)
 static void other_patterns_are_refused(void **state)
 {
     struct scene *s = scene_create_builtin();
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     static const uint32_t bad[] = { 3, 5, 8 };
     (void)state;
 

@@ -41,7 +41,7 @@ static struct card card_of(const struct material *m)
     assert_int_equal(texture_init(&t, SIDE, SIDE, TEXTURE_LINEAR), ERR_OK);
     assert_int_equal(scene_add_texture(c.scene, &t, NULL), ERR_OK);
     c.map = &c.scene->textures[0];
-    c.rays = rays_create(c.scene);
+    c.rays = rays_create_for(c.scene, cpu_best());
     return c;
 }
 

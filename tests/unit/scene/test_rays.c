@@ -18,7 +18,7 @@ static struct scene *unit_cube(void)
 static void ray_meets_cube_at_known_distance(void **state)
 {
     struct scene *s = unit_cube();
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     struct hit h;
     struct surface at;
 
@@ -44,7 +44,7 @@ static void ray_meets_cube_at_known_distance(void **state)
 static void surface_faces_the_side_looked_from(void **state)
 {
     struct scene *s = unit_cube();
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     struct hit h;
     struct surface at;
 
@@ -134,7 +134,7 @@ static void normals_are_interpolated(void **state)
     for (int i = 0; i < 4; i++)
         memcpy(n + 3 * i, i == 1 || i == 2 ? right : left, sizeof(left));
     s->meshes[0].normals = n;
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     assert_true(rays_intersect(r, vec3_make(0.75f, 0.25f, 1.0f), vec3_make(0.0f, 0.0f, -1.0f), 0.0f, &h));
     rays_surface(r, &h, vec3_make(0.0f, 0.0f, 1.0f), &at);
     const float l = sqrtf(0.3f * 0.3f + 0.8f * 0.8f); /* a quarter left, three quarters right */
@@ -220,7 +220,7 @@ static void starts_off_a_surface_do_not_meet_it(void **state)
     (void)state;
     for (int k = 0; k < 150; k++) {
         struct scene *s = random_plane(&g);
-        struct rays *r = rays_create(s);
+        struct rays *r = rays_create_for(s, cpu_best());
         const struct mesh *m = &s->meshes[0];
         for (int i = 0; i < 100 && m->triangle_count > 0; i++) {
             const float u = between(&g, 0, 1), v = between(&g, 0, 1) * (1.0f - u);
@@ -268,7 +268,7 @@ static void how_rays_lie_changes_no_answer(void **state)
 {
     struct rng g = { 5 };
     struct scene *s = thicket(&g);
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     int met = 0;
 
     (void)state;
@@ -310,7 +310,7 @@ static void offset_does_not_leak_through_a_sheet(void **state)
     const uint32_t grey = add_lambert(s, 0.5f);
     add_quads(s, grey, ground, 1);
     add_quads(s, grey, sheet, 1);
-    struct rays *r = rays_create(s);
+    struct rays *r = rays_create_for(s, cpu_best());
     for (int i = 0; i < 1000; i++) {
         /* from below the ground, which is met first */
         const struct vec3 o = { between(&g, -0.5, 0.5), -1.0f, between(&g, -0.5, 0.5) };
