@@ -29,7 +29,7 @@ static void add_place(struct text *t, const struct panel *p, const struct panel_
 
 static void add_point(struct text *t, const struct panel *p, const struct panel_curve *c, const struct panel_point *k)
 {
-    static const char *const kinds[] = { "fixed", "baseline", "prepared", "auto" };
+    static const char *const kinds[] = { "fixed", "baseline", "prepared", "filtered", "auto" };
     double common = 0.0;
 
     add_place(t, p, c);

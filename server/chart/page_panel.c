@@ -169,6 +169,17 @@ static void add_automatic(struct text *t, const struct winners *w)
              100.0 * v->confidence);
 }
 
+static void add_filtered(struct text *t, const struct winners *w)
+{
+    const struct envelope_verdict *flip = &w->filtered[ERROR_FLIP], *square = &w->filtered[ERROR_REL_MSE];
+
+    text_add(t,
+             "<p><b>denoised</b> has at most %.2f times the FLIP and %.2f times the relMSE of the same samples "
+             "unfiltered, at equal time; nine of ten bootstrap rounds stay below %.2f and %.2f. It is biased, and "
+             "therefore not ranked.</p>",
+             flip->worst, square->worst, flip->upper, square->upper);
+}
+
 /* The share of the best error at the middle time that is bias. */
 static void add_floor(struct text *t, const struct panel *p, const struct winners *w)
 {
@@ -296,6 +307,8 @@ enum err page_add_panel(struct text *t, const struct panel *p, const struct winn
         text_add(t, "</table></div>");
         if (w->auto_known)
             add_automatic(t, w);
+        if (w->filtered[ERROR_FLIP].known)
+            add_filtered(t, w);
         add_floor(t, p, w);
         add_times(t, p);
         add_notes(t, p, w);

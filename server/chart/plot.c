@@ -125,6 +125,8 @@ static void add_style(struct text *t, const struct technique *q)
         text_add(t, "lw 2 dt (2,3) pt 4 ps 0.6");
     else if (q->kind == TECHNIQUE_BASELINE)
         text_add(t, "lw 1.6 dt (6,3) pt 6 ps 0.45");
+    else if (q->kind == TECHNIQUE_FILTERED)
+        text_add(t, "lw 2.4 dt (8,2,2,2) pt 5 ps 0.5");
     else
         text_add(t, "lw 2 pt 7 ps 0.45");
 }

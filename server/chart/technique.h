@@ -27,6 +27,8 @@ enum technique_kind {
     TECHNIQUE_FIXED,    /* the lower envelope is that of these */
     TECHNIQUE_BASELINE, /* for comparison: paths, Metropolis, photons, point lights */
     TECHNIQUE_PREPARED, /* has a precomputation, which is not in the time of a frame: plotted, but not ranked */
+    TECHNIQUE_FILTERED, /* denoised: the eye prefers it, but it is biased. Plotted, not ranked; compared with the same
+                         * technique unfiltered */
     TECHNIQUE_AUTO,     /* chooses by measurement (light/pilot.h); compared with the envelope of the fixed ones */
 };
 

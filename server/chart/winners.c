@@ -22,14 +22,19 @@ static bool is_there(const struct panel *p, size_t c)
     return !p->curves[c].left_out.text[0];
 }
 
-/* Whether it is ranked: techniques with a precomputation are not, unless there are no others. */
+static bool is_ranked(const struct technique *t)
+{
+    return t->kind != TECHNIQUE_PREPARED && t->kind != TECHNIQUE_FILTERED;
+}
+
+/* Whether it can win: techniques that are not ranked cannot, unless there are no others. */
 static bool competes(const struct panel *p, size_t c)
 {
     bool alone = true;
 
     for (size_t k = 0; k < p->curve_count; k++)
-        alone &= !is_there(p, k) || p->curves[k].technique->kind == TECHNIQUE_PREPARED;
-    return is_there(p, c) && (alone || p->curves[c].technique->kind != TECHNIQUE_PREPARED);
+        alone &= !is_there(p, k) || !is_ranked(p->curves[k].technique);
+    return is_there(p, c) && (alone || is_ranked(p->curves[c].technique));
 }
 
 /* Times at quantiles of those of all points. */
@@ -122,6 +127,35 @@ static enum err judge_auto(const struct panel *p, enum error_kind kind, uint32_t
     return e;
 }
 
+/* The curve of the technique that a filtered one filters; -1: it was not run. */
+static int unfiltered(const struct panel *p, const struct technique *filtered)
+{
+    for (size_t c = 0; c < p->curve_count; c++) {
+        const struct technique *t = p->curves[c].technique;
+        if (is_there(p, c) && t->kind == TECHNIQUE_FIXED && t->light_class == filtered->light_class &&
+            t->light.direct.method == filtered->light.direct.method)
+            return (int)c;
+    }
+    return -1;
+}
+
+static enum err judge_filtered(const struct panel *p, uint32_t rounds, struct winners *w)
+{
+    enum err e = ERR_OK;
+
+    for (size_t c = 0; c < p->curve_count; c++) {
+        if (!is_there(p, c) || p->curves[c].technique->kind != TECHNIQUE_FILTERED)
+            continue;
+        const int plain = unfiltered(p, p->curves[c].technique);
+        for (int k = 0; k < ERROR_KINDS && plain >= 0 && !e; k++) {
+            const struct curve from = panel_curve_of(p, (size_t)plain, (enum error_kind)k);
+            const struct curve tested = panel_curve_of(p, c, (enum error_kind)k);
+            e = series_envelope(&from, 1, &tested, 1.0, rounds, 1, &w->filtered[k]);
+        }
+    }
+    return e;
+}
+
 enum err winners_find(const struct panel *p, enum error_kind kind, uint32_t rounds, struct winners *out)
 {
     const size_t points = p->curve_count * p->budget_count;
@@ -144,6 +178,8 @@ enum err winners_find(const struct panel *p, enum error_kind kind, uint32_t roun
         break_even(p, out);
     if (!e)
         e = judge_auto(p, kind, rounds, out);
+    if (!e)
+        e = judge_filtered(p, rounds, out);
     mem_free(l.seconds);
     mem_free(l.errors);
     return e;
@@ -180,7 +216,7 @@ size_t winners_rank(const struct panel *const *panels, const struct winners *win
 
     for (size_t t = 0; t < techniques && count < TECHNIQUES_MAX; t++) {
         struct ranking r = { .technique = &all[t], .worst_ratio = 0.0 };
-        if (all[t].kind == TECHNIQUE_PREPARED)
+        if (!is_ranked(&all[t]))
             continue;
         for (size_t k = 0; k < panel_count; k++)
             for (size_t c = 0; c < panels[k]->curve_count; c++)

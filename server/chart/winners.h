@@ -33,6 +33,8 @@ struct winners {
     struct standing of[TECHNIQUES_MAX];
     bool auto_known;
     struct envelope_verdict automatic; /* auto against the envelope of the fixed techniques */
+    struct envelope_verdict filtered[ERROR_KINDS]; /* a TECHNIQUE_FILTERED against the same one unfiltered, by each
+                                                    * kind of error; limit 1. Unknown if the panel lacks either */
 };
 
 #define ENVELOPE_LIMIT 1.1
