@@ -2,7 +2,7 @@
 
 #include "base/cancel.h"
 #include "bounce/parts.h"
-#include "estimators/denormals.h"
+#include "base/denormals.h"
 #include "base/mem.h"
 
 #include <string.h>

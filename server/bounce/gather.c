@@ -4,7 +4,7 @@
 
 #include "base/cancel.h"
 #include "bounce/smooth.h"
-#include "estimators/denormals.h"
+#include "base/denormals.h"
 #include "base/mem.h"
 #include "cache/cache_share.h"
 #include "cache/memory.h"

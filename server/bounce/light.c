@@ -2,7 +2,7 @@
 #include "bounce/parts.h"
 
 #include "base/cancel.h"
-#include "estimators/denormals.h"
+#include "base/denormals.h"
 #include "base/half.h"
 #include "base/mem.h"
 

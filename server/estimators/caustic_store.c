@@ -1,7 +1,7 @@
 #include "estimators/caustic_store.h"
 
 #include "base/cancel.h"
-#include "estimators/denormals.h"
+#include "base/denormals.h"
 #include "base/mem.h"
 #include "estimators/particles.h"
 #include "base/progress.h"

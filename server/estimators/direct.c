@@ -2,7 +2,7 @@
 
 #include "base/progress.h"
 #include "base/cancel.h"
-#include "estimators/denormals.h"
+#include "base/denormals.h"
 #include "estimators/direct_log.h"
 #include "estimators/kernels.h"
 #include "base/mem.h"

@@ -3,7 +3,7 @@
 #include "base/progress.h"
 #include "base/cancel.h"
 #include "base/mem.h"
-#include "estimators/denormals.h"
+#include "base/denormals.h"
 #include "brdf/lobe.h"
 #include "base/rng.h"
 #include "env/samples.h"

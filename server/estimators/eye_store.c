@@ -3,7 +3,7 @@
 #include "base/cancel.h"
 #include "base/half.h"
 #include "base/mem.h"
-#include "estimators/denormals.h"
+#include "base/denormals.h"
 #include "estimators/eye_paths.h"
 #include "estimators/packed_direction.h"
 

@@ -1,4 +1,4 @@
-#include "estimators/denormals.h"
+#include "base/denormals.h"
 
 #include "base/cancel.h"
 #include "base/mem.h"

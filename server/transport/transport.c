@@ -1,7 +1,7 @@
 #include "transport/transport.h"
 
 #include "base/cancel.h"
-#include "estimators/denormals.h"
+#include "base/denormals.h"
 #include "base/mem.h"
 #include "base/rng.h"
 #include "transport/last.h"

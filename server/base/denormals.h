@@ -1,8 +1,8 @@
-/* server/estimators/denormals.h */
+/* server/base/denormals.h */
 /* Denormals take a hundred cycles and contribute no visible light. They are flushed to zero in every thread, so that
  * results agree. Thread: affects the calling thread only. */
-#ifndef ESTIMATORS_DENORMALS_H
-#define ESTIMATORS_DENORMALS_H
+#ifndef BASE_DENORMALS_H
+#define BASE_DENORMALS_H
 
 #ifdef __x86_64__
 #include <pmmintrin.h>
