@@ -1,5 +1,6 @@
 #include "filter/filter.h"
 
+#include "base/denormals.h"
 #include "base/mem.h"
 #include "filter/filter_layers.h"
 
@@ -64,8 +65,9 @@ static void put_light(const struct filter *f, const float *const half[2], const 
     }
 }
 
-/* Channel c of the brightest point of a layer next to this pixel, or around it; below 0: there is no surface. */
-static float brightest(const struct filter *f, const struct layer *l, uint32_t pixel, int c)
+/* Channel c of the brightest point of a layer next to this pixel, or around it; below 0: there is no surface. Stops at
+ * one that is not below `enough`. */
+static float brightest(const struct filter *f, const struct layer *l, uint32_t pixel, int c, float enough)
 {
     const uint32_t width = f->g->width, x = pixel % width, y = pixel / width;
     const float *a = l->points.light + (size_t)c * l->points.count, *b = a + 3 * l->points.count;
@@ -74,8 +76,11 @@ static float brightest(const struct filter *f, const struct layer *l, uint32_t p
     for (uint32_t v = y > FILTER_RADIUS ? y - FILTER_RADIUS : 0; v <= y + FILTER_RADIUS && v < f->g->height; v++)
         for (uint32_t u = x > FILTER_RADIUS ? x - FILTER_RADIUS : 0; u <= x + FILTER_RADIUS && u < width; u++) {
             const size_t i = (size_t)v * f->pitch + u;
-            if (l->point[i] != NOWHERE && (u != x || v != y))
-                most = fmaxf(most, 0.5f * (a[i] + b[i]));
+            if (l->point[i] == NOWHERE || (u == x && v == y) || !(0.5f * (a[i] + b[i]) > most))
+                continue;
+            most = 0.5f * (a[i] + b[i]);
+            if (most >= enough)
+                return most;
         }
     return most;
 }
@@ -89,7 +94,7 @@ static float without_speck(const struct filter *f, const struct layer *l, uint32
 
     if (!(fabsf(a - b) > AGREED * mean))
         return mean;
-    const float limit = times * brightest(f, l, pixel, c);
+    const float limit = times * brightest(f, l, pixel, c, mean / times);
     return limit >= 0.0f && mean > limit ? limit : mean;
 }
 
@@ -195,23 +200,50 @@ static bool is_empty(const uint32_t *point, uint32_t count)
     return true;
 }
 
+static void run_row(const struct filter *f, const struct layer *l, const struct filter_picture *p, uint32_t y,
+                    uint32_t step)
+{
+    for (uint32_t x = 0; x < p->width; x += FILTER_COUNT_MAX) {
+        const uint32_t count = p->width - x < FILTER_COUNT_MAX ? p->width - x : FILTER_COUNT_MAX;
+        const struct filter_points row = points_at(&l->points, y * f->pitch + x, count, x, y);
+        if (is_empty(l->point + y * f->pitch + x, count))
+            continue; /* no light there, in either buffer */
+        if (step)
+            f->kernel->level(p, &row, step);
+        else
+            f->kernel->spread(p, &row);
+    }
+}
+
 /* One level over a layer; step 0: the mean of the variances. */
 static void run_layer(const struct filter *f, const struct layer *l, uint32_t step)
 {
     const struct filter_picture p = picture_of(f, l);
 
-#pragma omp parallel for schedule(dynamic, 4)
-    for (uint32_t y = 0; y < p.height; y++)
-        for (uint32_t x = 0; x < p.width; x += FILTER_COUNT_MAX) {
-            const uint32_t count = p.width - x < FILTER_COUNT_MAX ? p.width - x : FILTER_COUNT_MAX;
-            const struct filter_points row = points_at(&l->points, y * f->pitch + x, count, x, y);
-            if (is_empty(l->point + y * f->pitch + x, count))
-                continue; /* no light there, in either buffer */
-            if (step)
-                f->kernel->level(&p, &row, step);
-            else
-                f->kernel->spread(&p, &row);
-        }
+#pragma omp parallel
+    {
+        const unsigned before = denormals_flush();
+#pragma omp for schedule(dynamic, 4)
+        for (uint32_t y = 0; y < p.height; y++)
+            run_row(f, l, &p, y, step);
+        denormals_restore(before);
+    }
+}
+
+/* The points of the rest from i on that are in the same pixel as the first of them. */
+static void run_together(const struct filter *f, const struct filter_picture *p, size_t i)
+{
+    const uint32_t pixel = f->rest_pixel[i];
+
+    while (i < f->rest.count && f->rest_pixel[i] == pixel) {
+        uint32_t count = 1;
+        while (count < FILTER_COUNT_MAX && i + count < f->rest.count && f->rest_pixel[i + count] == pixel)
+            count++;
+        struct filter_points at = points_at(&f->rest, i, count, pixel % p->width, pixel / p->width);
+        at.together = true;
+        f->kernel->level(p, &at, 1);
+        i += count;
+    }
 }
 
 /* Points in no layer take filtered light from the pixels around them, whose noise was that of `first`. */
@@ -220,11 +252,14 @@ static void run_rest(struct filter *f)
     struct filter_picture p = picture_of(f, &f->layers[0]);
 
     p.light[LIGHT_VARIANCE] = f->layers[0].first;
-#pragma omp parallel for schedule(dynamic, 256)
-    for (size_t i = 0; i < f->rest.count; i++) {
-        const struct filter_points one =
-            points_at(&f->rest, i, 1, f->rest_pixel[i] % p.width, f->rest_pixel[i] / p.width);
-        f->kernel->level(&p, &one, 1);
+#pragma omp parallel
+    {
+        const unsigned before = denormals_flush();
+#pragma omp for schedule(dynamic, 256)
+        for (size_t i = 0; i < f->rest.count; i++)
+            if (i == 0 || f->rest_pixel[i] != f->rest_pixel[i - 1])
+                run_together(f, &p, i);
+        denormals_restore(before);
     }
 }
 

@@ -4,30 +4,68 @@
 
 #define UNLIKE 9.0f       /* squared difference, in variances, from which light is not mixed */
 #define PLANE_WIDTHS 2.0f /* s, in widths of a step */
+#define NO_POINT -1.0f    /* kinds that equal no other */
+#define NO_NEIGHBOUR -2.0f
 
-struct sums {
-    float weight[2][FILTER_COUNT_MAX];
-    float light[6][FILTER_COUNT_MAX];
-    float squares[FILTER_COUNT_MAX], variance[FILTER_COUNT_MAX];
+#define PLANES (SURFACE_PLANES + LIGHT_PLANES)
+#define LIGHT SURFACE_PLANES /* the first of light among them */
+#define ROW_MOST (FILTER_COUNT_MAX + 2 * FILTER_RADIUS * (1 << (FILTER_LEVELS - 1)))
+#define ALIGN 64
+#define LANES 16 /* loops run over multiples of this: no remainders */
+
+/* Sums over the neighbours: light and variance, planes as LIGHT_, and the weights of both halves. */
+enum { SUM_WEIGHT = LIGHT_PLANES, SUMS = LIGHT_PLANES + 2 };
+
+/* What the inner loops read and write, copied together: planes at constant distances leave registers for the sums. */
+struct tile {
+    _Alignas(ALIGN) float own[PLANES][FILTER_COUNT_MAX]; /* the points; for their width, 1 / s */
+    _Alignas(ALIGN) float near[PLANES][ROW_MOST];        /* a row of the picture around them */
+    _Alignas(ALIGN) float sum[SUMS][FILTER_COUNT_MAX];
+    uint32_t count; /* of the points, rounded up to LANES */
 };
 
-/* Pixels of a row whose neighbour dx away is in the picture. */
-struct span {
-    uint32_t first, end; /* of the points */
-    ptrdiff_t tap;       /* index of the first point's neighbour, as if it were there */
-};
-
-static bool span_of(const struct filter_picture *p, const struct filter_points *at, int dx, int dy, struct span *out)
+static void copy(const float *from, uint32_t count, float *to)
 {
-    const int64_t y = (int64_t)at->y + dy, x = (int64_t)at->x + dx;
+    memcpy(to, from, count * sizeof(float));
+}
+
+/* planes: SURFACE_PLANES without the light. Points beyond at->count have the kind of none. */
+static void put_own(struct tile *t, const struct filter_points *at, int planes, float reach)
+{
+    t->count = (at->count + LANES - 1) / LANES * LANES;
+    for (int k = 0; k < SUMS; k++)
+        memset(t->sum[k], 0, t->count * sizeof(float));
+    for (int k = 0; k < planes; k++) {
+        copy(k < LIGHT ? at->surface[k] : at->light[k - LIGHT], at->count, t->own[k]);
+        for (uint32_t i = at->count; i < t->count; i++)
+            t->own[k][i] = k == SURFACE_KIND ? NO_POINT : k == SURFACE_WIDTH ? 1.0f : 0.0f;
+    }
+    for (uint32_t i = 0; i < t->count; i++)
+        t->own[SURFACE_WIDTH][i] = 1.0f / (reach * t->own[SURFACE_WIDTH][i]);
+}
+
+/* Row y from column x - beside on, until `beside` columns after the last point. Columns outside the picture have the
+ * kind of none. false: the whole row is outside. */
+static bool put_near(struct tile *t, const struct filter_picture *p, const struct filter_points *at, int planes, int dy,
+                     uint32_t beside)
+{
+    const int64_t y = (int64_t)at->y + dy, x = (int64_t)at->x - beside;
+    const uint32_t wide = (at->together ? 1 : at->count) + 2 * beside;
 
     if (y < 0 || y >= (int64_t)p->height)
         return false;
-    const int64_t first = x < 0 ? -x : 0, end = (int64_t)p->width - x;
-    out->first = (uint32_t)(first < at->count ? first : at->count);
-    out->end = (uint32_t)(end < 0 ? 0 : end < at->count ? end : at->count);
-    out->tap = (ptrdiff_t)((size_t)y * p->pitch) + (ptrdiff_t)x;
-    return out->first < out->end;
+    const uint32_t first = x < 0 ? (uint32_t)-x : 0;
+    const uint32_t end = x + wide > (int64_t)p->width ? (uint32_t)((int64_t)p->width - x) : wide;
+    const size_t from = (size_t)y * p->pitch + (size_t)(x + first);
+    for (int k = 0; k < planes; k++) {
+        const float none = k == SURFACE_KIND ? NO_NEIGHBOUR : 0.0f;
+        for (uint32_t i = 0; i < first; i++)
+            t->near[k][i] = none;
+        copy((k < LIGHT ? p->surface[k] : p->light[k - LIGHT]) + from, end - first, t->near[k] + first);
+        for (uint32_t i = end; i < wide; i++)
+            t->near[k][i] = none;
+    }
+    return true;
 }
 
 static inline float positive(float x)
@@ -35,15 +73,19 @@ static inline float positive(float x)
     return x > 0.0f ? x : 0.0f;
 }
 
-/* The factor of a weight that depends on the surfaces. a and b are planes, read at i and k. */
-static inline float likeness(const float *const a[], uint32_t i, const float *const b[], ptrdiff_t k, float reach)
+/* The factor of a weight that depends on the surfaces, of point i and neighbour k. */
+static inline float likeness(const struct tile *t, size_t i, size_t k)
 {
-    const float *const *n = a + SURFACE_NORMAL, *const *m = b + SURFACE_NORMAL;
-    const float *const *u = a + SURFACE_PLACE, *const *v = b + SURFACE_PLACE;
-    float c = positive(n[0][i] * m[0][k] + n[1][i] * m[1][k] + n[2][i] * m[2][k]);
-    const float off = n[0][i] * (v[0][k] - u[0][i]) + n[1][i] * (v[1][k] - u[1][i]) + n[2][i] * (v[2][k] - u[2][i]);
-    const float s = off / (reach * a[SURFACE_WIDTH][i]);
+    const float(*a)[FILTER_COUNT_MAX] = t->own;
+    const float(*b)[ROW_MOST] = t->near;
+    float c = 0.0f, off = 0.0f;
 
+    for (int d = 0; d < 3; d++) {
+        c += a[SURFACE_NORMAL + d][i] * b[SURFACE_NORMAL + d][k];
+        off += a[SURFACE_NORMAL + d][i] * (b[SURFACE_PLACE + d][k] - a[SURFACE_PLACE + d][i]);
+    }
+    const float s = off * a[SURFACE_WIDTH][i];
+    c = positive(c);
     c *= c; /* 2 */
     c *= c;
     c *= c;
@@ -53,93 +95,94 @@ static inline float likeness(const float *const a[], uint32_t i, const float *co
     return a[SURFACE_KIND][i] == b[SURFACE_KIND][k] ? c * positive(1.0f - s * s) : 0.0f;
 }
 
-/* The part that the light of half h gives. */
-static inline float alike(const float *const a[], uint32_t i, const float *const b[], ptrdiff_t k, int h, float noise)
+/* The part that the light of half h gives. per_noise: 1 over UNLIKE times the variances. */
+static inline float alike(const struct tile *t, size_t i, size_t k, int h, float per_noise)
 {
     float d = 0.0f;
 
-    for (int c = 3 * h; c < 3 * h + 3; c++) {
-        const float x = a[c][i] - b[c][k];
+    for (int c = LIGHT + 3 * h; c < LIGHT + 3 * h + 3; c++) {
+        const float x = t->own[c][i] - t->near[c][k];
         d += x * x;
     }
-    const float w = positive(1.0f - d / noise);
+    const float w = positive(1.0f - d * per_noise);
     return w * w;
 }
 
-static void add_tap(const struct filter_picture *p, const struct filter_points *at, const struct span *s, float h,
-                    float reach, struct sums *sum)
+/* Adds the neighbour of each point that begins at index `from` of the row: one each, or the same one for all. */
+static inline void add_tap(struct tile *t, size_t from, size_t stride, float h)
 {
 #pragma omp simd
-    for (uint32_t i = s->first; i < s->end; i++) {
-        const ptrdiff_t k = s->tap + (ptrdiff_t)i;
-        const float g = h * likeness(at->surface, i, p->surface, k, reach);
-        const float noise = UNLIKE * (at->light[LIGHT_VARIANCE][i] + p->light[LIGHT_VARIANCE][k]) + 1e-30f;
-        const float a = g * alike(at->light, i, p->light, k, 1, noise);
-        const float b = g * alike(at->light, i, p->light, k, 0, noise);
-        sum->weight[0][i] += a;
-        sum->weight[1][i] += b;
+    for (size_t i = 0; i < t->count; i++) {
+        const size_t k = from + stride * i;
+        const float v = t->near[LIGHT + LIGHT_VARIANCE][k];
+        const float g = h * likeness(t, i, k);
+        const float per_noise = 1.0f / (UNLIKE * (t->own[LIGHT + LIGHT_VARIANCE][i] + v) + 1e-30f);
+        const float a = g * alike(t, i, k, 1, per_noise);
+        const float b = g * alike(t, i, k, 0, per_noise);
+        t->sum[SUM_WEIGHT][i] += a;
+        t->sum[SUM_WEIGHT + 1][i] += b;
         for (int c = 0; c < 3; c++) {
-            sum->light[c][i] += a * p->light[c][k];
-            sum->light[3 + c][i] += b * p->light[3 + c][k];
+            t->sum[c][i] += a * t->near[LIGHT + c][k];
+            t->sum[3 + c][i] += b * t->near[LIGHT + 3 + c][k];
         }
-        sum->variance[i] += a * b * p->light[LIGHT_VARIANCE][k];
+        t->sum[LIGHT_VARIANCE][i] += a * b * v;
     }
 }
 
-static void clear(struct sums *sum, uint32_t count)
+/* Writes a sum over its weight, or what the points had where nothing has weight. */
+static void put_out(const struct filter_points *at, int plane, const float *sum, const float *weight, const float *had)
 {
-    for (int k = 0; k < 2; k++)
-        memset(sum->weight[k], 0, count * sizeof(float));
-    for (int k = 0; k < 6; k++)
-        memset(sum->light[k], 0, count * sizeof(float));
-    memset(sum->variance, 0, count * sizeof(float));
+    float *out = at->out[plane];
+
+#pragma omp simd
+    for (uint32_t i = 0; i < at->count; i++)
+        out[i] = weight[i] > 0.0f ? sum[i] / weight[i] : had[i];
 }
 
 static void level(const struct filter_picture *p, const struct filter_points *at, uint32_t step)
 {
     static const float spline[2 * FILTER_RADIUS + 1] = { 1.0f / 16, 4.0f / 16, 6.0f / 16, 4.0f / 16, 1.0f / 16 };
-    const float reach = PLANE_WIDTHS * (float)step;
-    struct sums sum;
-    struct span s;
+    struct tile t;
 
-    clear(&sum, at->count);
-    for (int dy = -FILTER_RADIUS; dy <= FILTER_RADIUS; dy++)
-        for (int dx = -FILTER_RADIUS; dx <= FILTER_RADIUS; dx++)
-            if (span_of(p, at, dx * (int)step, dy * (int)step, &s))
-                add_tap(p, at, &s, spline[dx + FILTER_RADIUS] * spline[dy + FILTER_RADIUS], reach, &sum);
-    for (uint32_t i = 0; i < at->count; i++) {
-        for (int c = 0; c < 6; c++)
-            at->out[c][i] = sum.weight[c / 3][i] > 0.0f ? sum.light[c][i] / sum.weight[c / 3][i] : at->light[c][i];
-        const float w = sum.weight[0][i] * sum.weight[1][i];
-        at->out[LIGHT_VARIANCE][i] = w > 0.0f ? sum.variance[i] / w : at->light[LIGHT_VARIANCE][i];
+    put_own(&t, at, PLANES, PLANE_WIDTHS * (float)step);
+    for (int dy = 0; dy <= 2 * FILTER_RADIUS; dy++) {
+        if (!put_near(&t, p, at, PLANES, (dy - FILTER_RADIUS) * (int)step, FILTER_RADIUS * step))
+            continue;
+        for (uint32_t dx = 0; dx <= 2 * FILTER_RADIUS; dx++)
+            if (at->together)
+                add_tap(&t, dx * step, 0, spline[dx] * spline[dy]);
+            else
+                add_tap(&t, dx * step, 1, spline[dx] * spline[dy]);
     }
+    for (int c = 0; c < 6; c++)
+        put_out(at, c, t.sum[c], t.sum[SUM_WEIGHT + c / 3], t.own[LIGHT + c]);
+    for (uint32_t i = 0; i < t.count; i++)
+        t.sum[SUM_WEIGHT][i] *= t.sum[SUM_WEIGHT + 1][i];
+    put_out(at, LIGHT_VARIANCE, t.sum[LIGHT_VARIANCE], t.sum[SUM_WEIGHT], t.own[LIGHT + LIGHT_VARIANCE]);
 }
 
-static void spread_tap(const struct filter_picture *p, const struct filter_points *at, const struct span *s,
-                       struct sums *sum)
+static void spread_tap(struct tile *t, size_t from)
 {
 #pragma omp simd
-    for (uint32_t i = s->first; i < s->end; i++) {
-        const ptrdiff_t k = s->tap + (ptrdiff_t)i;
-        const float w = likeness(at->surface, i, p->surface, k, PLANE_WIDTHS);
-        sum->weight[0][i] += w;
-        sum->variance[i] += w * p->light[LIGHT_VARIANCE][k];
+    for (size_t i = 0; i < t->count; i++) {
+        const float w = likeness(t, i, from + i);
+        t->sum[SUM_WEIGHT][i] += w;
+        t->sum[LIGHT_VARIANCE][i] += w * t->near[LIGHT + LIGHT_VARIANCE][from + i];
     }
 }
 
 static void spread(const struct filter_picture *p, const struct filter_points *at)
 {
-    struct sums sum;
-    struct span s;
+    struct tile t;
 
-    clear(&sum, at->count);
-    for (int dy = -SPREAD_RADIUS; dy <= SPREAD_RADIUS; dy++)
-        for (int dx = -SPREAD_RADIUS; dx <= SPREAD_RADIUS; dx++)
-            if (span_of(p, at, dx, dy, &s))
-                spread_tap(p, at, &s, &sum);
-    for (uint32_t i = 0; i < at->count; i++)
-        at->out[LIGHT_VARIANCE][i] =
-            sum.weight[0][i] > 0.0f ? sum.variance[i] / sum.weight[0][i] : at->light[LIGHT_VARIANCE][i];
+    put_own(&t, at, SURFACE_PLANES, PLANE_WIDTHS);
+    for (int dy = -SPREAD_RADIUS; dy <= SPREAD_RADIUS; dy++) {
+        if (!put_near(&t, p, at, PLANES, dy, SPREAD_RADIUS))
+            continue;
+        for (uint32_t dx = 0; dx <= 2 * SPREAD_RADIUS; dx++)
+            spread_tap(&t, dx);
+    }
+    put_out(at, LIGHT_VARIANCE, t.sum[LIGHT_VARIANCE], t.sum[SUM_WEIGHT], at->light[LIGHT_VARIANCE]);
 }
 
 extern const struct filter_kernel KERNEL(filter_kernel);

@@ -38,15 +38,16 @@ struct filter_picture {
     size_t pitch;
 };
 
-/* Points to filter: `count` adjacent pixels of row y, beginning at column x. */
+/* Points to filter: in `count` adjacent pixels of row y, beginning at column x, or all in the pixel there. */
 struct filter_points {
     const float *surface[SURFACE_PLANES]; /* [count] */
     const float *light[LIGHT_PLANES];
     float *out[LIGHT_PLANES]; /* [count], written */
-    uint32_t x, y, count;
+    uint32_t x, y, count; /* count at most FILTER_COUNT_MAX */
+    bool together;        /* all in pixel x, y */
 };
 
-#define FILTER_COUNT_MAX 256 /* of filter_points */
+#define FILTER_COUNT_MAX 64 /* of filter_points */
 
 struct filter_kernel {
     enum cpu_level cpu;

@@ -69,17 +69,18 @@ static bool is_like(const float s[SURFACE_PLANES], const struct points *p, size_
     const float *q = p->surface + i;
     float cosine = 0.0f, off = 0.0f;
 
+    if (q[SURFACE_KIND * p->count] != s[SURFACE_KIND])
+        return false;
     for (size_t c = 0; c < 3; c++) {
         cosine += s[SURFACE_NORMAL + c] * q[(SURFACE_NORMAL + c) * p->count];
         off += s[SURFACE_NORMAL + c] * (q[(SURFACE_PLACE + c) * p->count] - s[SURFACE_PLACE + c]);
     }
-    return q[SURFACE_KIND * p->count] == s[SURFACE_KIND] && cosine > LIKE_COSINE &&
-           fabsf(off) < LIKE_WIDTHS * s[SURFACE_WIDTH];
+    return cosine > LIKE_COSINE && fabsf(off) < LIKE_WIDTHS * s[SURFACE_WIDTH];
 }
 
-/* How many of the layer's points in the 5 x 5 pixels around pixel x, y are like this point, itself included. */
-static uint32_t count_like(const struct filter *f, const struct view *v, const struct layer *l, uint32_t x, uint32_t y,
-                           uint32_t point)
+/* Whether this many of the layer's points in the 5 x 5 pixels around pixel x, y are like this point, itself included. */
+static bool are_like(const struct filter *f, const struct view *v, const struct layer *l, uint32_t x, uint32_t y,
+                     uint32_t point, uint32_t many)
 {
     const uint32_t top = y > FILTER_RADIUS ? y - FILTER_RADIUS : 0, left = x > FILTER_RADIUS ? x - FILTER_RADIUS : 0;
     float s[SURFACE_PLANES];
@@ -88,8 +89,9 @@ static uint32_t count_like(const struct filter *f, const struct view *v, const s
     put_surface(f, v, point, s, 1, 0);
     for (uint32_t j = top; j <= y + FILTER_RADIUS && j < f->g->height; j++)
         for (uint32_t i = left; i <= x + FILTER_RADIUS && i < f->g->width; i++)
-            count += is_like(s, &l->points, j * f->pitch + i);
-    return count;
+            if (is_like(s, &l->points, j * f->pitch + i) && ++count == many)
+                return true;
+    return false;
 }
 
 /* The point of pixel x, y with the largest weight, of those that may be in the layer; or NOWHERE. */
@@ -105,7 +107,7 @@ static uint32_t heaviest(const struct filter *f, const struct view *v, uint32_t 
         const struct gbuffer_entry *e = &g->entries[k];
         if (!(weight_of(e) > most))
             continue;
-        if (layer && (taken[e->point] || count_like(f, v, &f->layers[0], x, y, e->point) > 0))
+        if (layer && (taken[e->point] || are_like(f, v, &f->layers[0], x, y, e->point, 1)))
             continue;
         most = weight_of(e);
         best = e->point;
@@ -135,7 +137,7 @@ static size_t drop_lonely(struct filter *f, const struct view *v, uint8_t *taken
     for (uint32_t y = 0; y < f->g->height; y++)
         for (uint32_t x = 0; x < f->g->width; x++) {
             const uint32_t point = l->point[y * f->pitch + x];
-            if (point != NOWHERE && count_like(f, v, l, x, y, point) < COMPANY_LEAST)
+            if (point != NOWHERE && !are_like(f, v, l, x, y, point, COMPANY_LEAST))
                 taken[point] = 0;
         }
     for (size_t i = 0; i < l->points.count; i++) {
