@@ -82,6 +82,46 @@ static void resample_keeps_every_texels_energy(void **state)
     }
 }
 
+/* A texel is the mean of the sky over its solid angle, here by 300 x 300 places. Sizes of which quarter turns map the
+ * source and the cube map onto themselves, and others. */
+static void a_texel_is_the_mean_over_its_solid_angle(void **state)
+{
+    static const struct {
+        uint32_t width, height, n;
+        double rotation;
+    } sizes[] = { { 16, 8, 4, 0.3 }, { 18, 9, 4, 0.3 }, { 16, 8, 3, 2.0 } };
+    enum { PLACES = 300 };
+    (void)state;
+    for (size_t q = 0; q < sizeof(sizes) / sizeof(sizes[0]); q++) {
+        const uint32_t n = sizes[q].n, width = sizes[q].width, height = sizes[q].height;
+        struct resampler *r = resampling_make(LAYOUT_LATLONG, width, height, n, sizes[q].rotation);
+        struct frame f = sky_constant(width, height, 0.0f);
+        struct rng random = { 7 };
+        for (size_t k = 0; k < 3 * (size_t)width * height; k++)
+            f.rgb[k] = (float)rng_next(&random);
+        float *cube = resampling_cube(r, f.rgb, 1.0f);
+        for (uint32_t t = 0; t < 6 * n * n; t++) {
+            double sum = 0.0, all = 0.0;
+            for (uint32_t k = 0; k < PLACES * PLACES; k++) {
+                const double u = (2.0 * (t % n + (k % PLACES + 0.5) / PLACES)) / n - 1.0;
+                const double v = (2.0 * (t / n % n + (k / PLACES + 0.5) / PLACES)) / n - 1.0;
+                double w[3];
+                cube_direction(t / (n * n), u, v, w);
+                const double omega = pow(1.0 + u * u + v * v, -1.5);
+                double x = (PI - atan2(w[0], w[2]) + sizes[q].rotation) / (2.0 * PI);
+                x -= floor(x);
+                const double y = acos(w[1] / sqrt(1.0 + u * u + v * v)) / PI;
+                sum += omega * (double)f.rgb[3 * ((size_t)(y * height) * width + (size_t)(x * width) % width)];
+                all += omega;
+            }
+            assert_true(fabs(cube[4 * t] / (sum / all) - 1.0) < 0.01);
+        }
+        mem_free(cube);
+        frame_finish(&f);
+        resampler_destroy(r);
+    }
+}
+
 /* The sums of a frame by the table's packed order, against the same table read term by term in double: sums in float of
  * up to 64 terms of one sign are off by at most 64 halves of a unit in the last place, 4e-6. 1400 x 700 texels on a
  * cube map of 8 x 8 take offsets of 32 bits, and lanes of thousands of terms. */
@@ -191,6 +231,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(locate_inverts_direction),
     cmocka_unit_test(resample_keeps_a_constant),
     cmocka_unit_test(resample_keeps_every_texels_energy),
+    cmocka_unit_test(a_texel_is_the_mean_over_its_solid_angle),
     cmocka_unit_test(packed_sums_are_those_of_the_terms),
     cmocka_unit_test(orientation_is_that_of_openexr),
     cmocka_unit_test(rotation_is_right_handed_about_y),
