@@ -43,8 +43,8 @@ struct filter_points {
     const float *surface[SURFACE_PLANES]; /* [count] */
     const float *light[LIGHT_PLANES];
     float *out[LIGHT_PLANES]; /* [count], written */
-    uint32_t x, y, count; /* count at most FILTER_COUNT_MAX */
-    bool together;        /* all in pixel x, y */
+    uint32_t x, y, count;     /* count at most FILTER_COUNT_MAX */
+    bool together;            /* all in pixel x, y */
 };
 
 #define FILTER_COUNT_MAX 64 /* of filter_points */

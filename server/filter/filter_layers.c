@@ -78,7 +78,7 @@ static bool is_like(const float s[SURFACE_PLANES], const struct points *p, size_
     return cosine > LIKE_COSINE && fabsf(off) < LIKE_WIDTHS * s[SURFACE_WIDTH];
 }
 
-/* Whether this many of the layer's points in the 5 x 5 pixels around pixel x, y are like this point, itself included. */
+/* Whether so many of the layer's points in the 5 x 5 pixels around pixel x, y are like this point, itself included. */
 static bool are_like(const struct filter *f, const struct view *v, const struct layer *l, uint32_t x, uint32_t y,
                      uint32_t point, uint32_t many)
 {

@@ -79,8 +79,8 @@ PY
 a_small_chart_has_all_its_files() {
     chart "$work/out" --size 16x9 --budgets 2,4 --reference 16 --sources 'sky:hour=12,size=64x32'
     check_page "$work/out/index.html" || fail "index.html"
-    check_table "$work/out/chart.csv" $(((14 + 8) * 2)) || fail "chart.csv"
-    check_table "$work/out/runs.csv" $(((14 + 8) * 2 * 4)) || fail "runs.csv"
+    check_table "$work/out/chart.csv" $(((15 + 9) * 2)) || fail "chart.csv"
+    check_table "$work/out/runs.csv" $(((15 + 9) * 2 * 4)) || fail "runs.csv"
     [ "$(find "$work/out" -name '*.svg' | wc -l)" = 8 ] || fail "not four charts for each of two panels"
     find "$work/out" -name '*.svg' -exec /usr/bin/python3 -B -c \
         'import sys, xml.etree.ElementTree as t; [t.parse(f) for f in sys.argv[1:]]' {} + || fail "an SVG file"

@@ -100,7 +100,7 @@ static void alone_it_is_judged_by_itself(void **state)
     assert_true(w.seconds[MARK_MIDDLE] > 0.0);
 }
 
-/* At 0.2 s the unfiltered line, straight in log-log from (0.1, 4e-3) to (0.4, 1e-3), is at 2e-3: ratios of 1/2 there and
+/* At 0.2 s the unfiltered line, straight in log-log from (0.1, 4e-3) to (0.4, 1e-3), is at 2e-3: a ratio of 1/2, and
  * 0.9 at 0.4 s. FLIP is its square root here. */
 static void a_filter_is_held_against_the_same_samples_without_it(void **state)
 {
