@@ -16,6 +16,8 @@
 struct audit_numbers {
     uint64_t at[AUDIT_NUMBERS_PATHS][AUDIT_NUMBERS_PLACES]; /* units of 2^-64 */
 };
+
+/* Fills all of *n, the same each time. */
 void audit_numbers_fill(struct audit_numbers *n);
 
 struct audit_world {
