@@ -3,7 +3,7 @@
 
 usage: ranks.py BIN [--size WxH] [--frames N] [--rounds N] [--cache-dir DIR] [--only PART,...]
 
-BIN is the folder of the programs. PARTS: speed, memory, bits, many (64 ranks by the model), kills, links; all by default, some ten
+BIN is the folder of the programs. PARTS: speed, memory, bits, many (64 ranks by the model), kills, links; all by default, some twenty
 minutes on two processors. Times are by the clock, so nothing else may run; runs alternate, and medians of rounds count. many and
 links need root: network namespaces (links.py)."""
 
