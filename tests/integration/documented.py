@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = ("relightd", "relight-render", "relight-feed", "relight-record", "relight-diff", "relight-chart", "relight-bench")
 TYPED = re.compile(r"^(?:studio\$|rig\$)? *(?:sudo )?(?:RELIGHT_TOKEN=\S+ )?(?:build/bin/)?(?:\./run\b|relightd\b|relight-[a-z]+\b)")
 # Lines around these commands that a shell understands, and that harm nothing.
-SHELL = re.compile(r"^ *(?:mkdir|recorder=|scene=|wait\b|cat >|export PATH=|umask|for role in|(?:python3 )?docs/examples/(?:house|product|weather)\.py)")
+SHELL = re.compile(r"^ *(?:mkdir|recorder=|scene=|wait\b|cat >|export PATH=|\(?umask|for role in|(?:python3 )?docs/examples/(?:house|product|weather)\.py)")
 BY_OTHERS = re.compile(r"^(?:xdg-open|\./test|docs/examples/producer\.py|(?:python3|node) clients/|deploy/|docker|cmake|cd build|apt|systemctl|journalctl|curl|ffmpeg|mpirun|sbatch|gendaymtx|dctimestep|oconv|vwrays|#)")
 
 WRAPPER = """#!/usr/bin/python3
