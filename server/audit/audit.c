@@ -78,9 +78,9 @@ void audit_forget(struct audit *a)
 /* ---- Where the error may be ---- */
 
 /* The squared scatter of a picture around a pixel, relative as relMSE is. */
-static double scatter_at_pixel(const struct audit *a, uint32_t x, uint32_t y)
+static double scatter_at_pixel(const struct audit *a, uint32_t pixel)
 {
-    const uint32_t width = a->width, height = a->height;
+    const uint32_t width = a->width, height = a->height, x = pixel % width, y = pixel / width;
     double sum = 0.0;
 
     for (int c = 0; c < 3; c++) {
@@ -165,28 +165,32 @@ static double around(const struct audit *a, const double *of, uint32_t x, uint32
     return sum / count;
 }
 
+static void at_all_pixels(const struct audit *a, double (*of)(const struct audit *, uint32_t), double *out)
+{
+#pragma omp parallel for schedule(static)
+    for (uint32_t i = 0; i < a->pixels; i++)
+        out[i] = of(a, i);
+}
+
+static void around_all_pixels(const struct audit *a, const double *of, double *out)
+{
+#pragma omp parallel for schedule(static)
+    for (uint32_t i = 0; i < a->pixels; i++)
+        out[i] = around(a, of, i % a->width, i / a->width);
+}
+
 /* The shares of a filtered picture that follow its halves. */
 static void add_halves(struct audit *a, double *own, double *wide)
 {
-    const uint32_t width = a->width;
-
-#pragma omp parallel for schedule(static)
-    for (uint32_t i = 0; i < a->pixels; i++)
-        own[i] = mean_off(a, i);
+    at_all_pixels(a, mean_off, own);
     add_share(a, SHARE_HALVES, own);
-#pragma omp parallel for schedule(static)
-    for (uint32_t i = 0; i < a->pixels; i++)
-        own[i] = both_off(a, i);
-#pragma omp parallel for schedule(static)
-    for (uint32_t i = 0; i < a->pixels; i++)
-        wide[i] = around(a, own, i % width, i / width);
+    at_all_pixels(a, both_off, own);
+    around_all_pixels(a, own, wide);
     add_share(a, SHARE_HALVES, wide);
-#pragma omp parallel for schedule(static)
+    at_all_pixels(a, darker, own);
+    around_all_pixels(a, own, wide);
     for (uint32_t i = 0; i < a->pixels; i++)
-        own[i] = darker(a, i);
-#pragma omp parallel for schedule(static)
-    for (uint32_t i = 0; i < a->pixels; i++)
-        wide[i] = own[i] * own[i] / (around(a, own, i % width, i / width) + 1e-3);
+        wide[i] = own[i] * own[i] / (wide[i] + 1e-3);
     add_share(a, SHARE_HALVES, wide);
 }
 
@@ -199,9 +203,7 @@ static void find_probabilities(struct audit *a)
     for (uint32_t i = 0; i < a->pixels; i++)
         own[i] = 1.0;
     add_share(a, SHARE_EVEN, own);
-#pragma omp parallel for schedule(static)
-    for (uint32_t i = 0; i < a->pixels; i++)
-        own[i] = scatter_at_pixel(a, i % a->width, i / a->width);
+    at_all_pixels(a, scatter_at_pixel, own);
     add_share(a, SHARE_SCATTER, own);
     if (a->desc->half[0])
         add_halves(a, own, a->share + a->pixels);

@@ -6,11 +6,6 @@
 /* One bounce between surfaces of this albedo changes a pixel by at most this share of its direct light: below 4 % the
  * change is hardly visible. */
 #define ALBEDO_LEAST 0.04
-/* Above it BRDF rays find caustics too rarely. In equal time eye paths have 0.4 to 0.6 of the light tracer's relMSE
- * under uniform cloud (2.8), the same at 3.8, twice as much at 6.8 and 1.7 to 9 times from 7.3 to 8.7, where caustics
- * bring a tenth of the light (tests/figures/figure5.c, the ring scene). Any sun that casts shadows is far above:
- * docs/internals/mathematics.md has the figures of more skies. */
-#define PEAKED 5.0
 
 static void leave_out(struct plan *p, const char *why)
 {
@@ -28,7 +23,7 @@ static void choose_caustics(const struct plan_facts *f, const struct plan_wish *
     } else if (f->casters == 0) {
         leave_out(p, "caustics: the scene has no mirror and no glass");
     } else {
-        const enum plan_estimator by_sky = f->peakedness >= PEAKED ? PLAN_LIGHT : PLAN_EYE;
+        const enum plan_estimator by_sky = f->peakedness >= PLAN_PEAKED ? PLAN_LIGHT : PLAN_EYE;
         p->caustics = w->caustics_by != PLAN_AUTO ? w->caustics_by : w->stored ? PLAN_STORED : by_sky;
         p->behind_caustics = f->behind > 0;
     }

@@ -94,8 +94,8 @@ MUST_CHECK enum err direct_shade(struct direct *d, const struct gbuffer *g, cons
                                  const struct environment *e, const struct direct_desc *desc, float *lo,
                                  struct direct_stats *stats);
 
-/* The first set of light samples of the last direct_shade (no strata under a black sky), for tests;
- * owned by d. Their number is the paper's N_s / 2 per face, N_s for methods without BRDF samples, and the same
+/* The first set of light samples of the last direct_shade (no strata under a black sky), for tests; owned by d. Their
+ * number is the paper's N_s / 2 per face, N_s for methods without BRDF samples, and the same
  * for the sun. A cell gets the largest count that any packet needs, at most ceil(N q) for the largest share q that it
  * has at a packet. */
 const struct light_samples *direct_samples(const struct direct *d);

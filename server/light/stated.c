@@ -12,7 +12,6 @@
 #include "light/resolve.h"
 
 #define LEAST_RAYS 20000 /* that an audit is worth; live pictures that cost little pay for one together */
-#define PEAKED 5.0       /* paths from the eye do not find caustics of such a sky (choose/plan.c) */
 
 struct stated {
     struct audit *audit;
@@ -70,7 +69,7 @@ static bool find_classes(const struct set *set, const struct environment *e, con
     w->classes = asked;
     if (set->scene->ground.radius > 0.0f || desc->direct.method == METHOD_COMPONENTS || desc->direct.no_visibility)
         return false;
-    if (caustics && ((!w->whole && by_particles(plan)) || facts_peakedness(e) >= PEAKED))
+    if (caustics && ((!w->whole && by_particles(plan)) || facts_peakedness(e) >= PLAN_PEAKED))
         return false;
     if (!w->whole && (desc->caustics == PLAN_NONE || (!measured && plan->caustics == PLAN_NONE)))
         w->classes &= ~(uint32_t)PATH_CAUSTICS;
