@@ -4,6 +4,7 @@
 #include "base/denormals.h"
 #include "base/mem.h"
 #include "estimators/particles.h"
+#include "estimators/power.h"
 #include "base/progress.h"
 #include "base/rng.h"
 #include "env/sky_split.h"
@@ -18,13 +19,12 @@
 #define SPARE 16           /* a part's buffers get 1/16 extra, so that its replacement fits as well */
 #define BYTES_PER_SPLAT 10 /* from, power, place */
 #define AHEAD 64           /* number of splats whose radiance is prefetched */
-#define POWER_MAX 200      /* 2^73, larger than any real value */
 
 struct part {        /* splats sorted by tile, and by particle within a tile */
     uint64_t number; /* in the sequence, from 1; 0: empty */
     uint32_t *first; /* [tiles + 1] */
     uint32_t *from;  /* [capacity]: packed direction, as in particles.h */
-    uint32_t *power; /* T: three bytes and a shared power of two, see pack_power */
+    uint32_t *power; /* T: as power.h packs it */
     uint16_t *place; /* pixel within the tile, row by row */
     uint32_t count, capacity;
 };
@@ -82,27 +82,6 @@ static struct particle_run run_of(const struct caustic_store *s, uint64_t paths,
     return run;
 }
 
-/* Packs three numbers as bytes with a shared power of two [Ward 1991], rounded stochastically by u in [0, 1), so that
- * the mean is exact; the same u for all three, so that grey stays grey. 0 if they are too small. */
-static uint32_t pack_power(const float rgb[3], double u)
-{
-    const float most = fmaxf(rgb[0], fmaxf(rgb[1], rgb[2]));
-    uint32_t out = 0;
-    int power;
-
-    frexpf(most, &power); /* most is in 2^(power - 1) .. 2^power, that is, 128 to 256 times 2^(power - 8) */
-    power -= 8;
-    if (ldexp((double)most, -power) > 255.0) /* would round up to 256 */
-        power++;
-    if (!(most > 0.0f) || power < -126)
-        return 0;
-    if (power > POWER_MAX - 127)
-        power = POWER_MAX - 127;
-    for (int c = 0; c < 3; c++)
-        out |= (uint32_t)fmin(255.0, floor(ldexp((double)rgb[c], -power) + u)) << 8 * c;
-    return out | (uint32_t)(power + 127) << 24;
-}
-
 static MUST_CHECK enum err part_reserve(struct part *p, uint32_t count)
 {
     if (count <= p->capacity)
@@ -139,7 +118,7 @@ static void sort_into(const struct caustic_store *s, struct part *p)
         const uint32_t x = f->pixel % width, y = f->pixel / width;
         const uint32_t at = s->cursor[y / TILE * s->tiles_x + x / TILE]++;
         p->from[at] = f->from;
-        p->power[at] = pack_power(f->rgb, rng_unit(rng_mix(stream, k)));
+        p->power[at] = power_pack(f->rgb, rng_unit(rng_mix(stream, k)));
         p->place[at] = (uint16_t)(y % TILE * TILE + x % TILE);
     }
 }
@@ -264,11 +243,10 @@ struct ahead {
 static void add_all(struct ahead *a, float sum[][4])
 {
     for (uint32_t k = 0; k < a->count; k++) {
-        const uint32_t power = a->power[k], bits = power >> 24 << 23;
-        const float *light = a->light[k];
-        float *to = sum[a->place[k]], scale;
+        const uint32_t power = a->power[k];
+        const float *light = a->light[k], scale = power_unit(power);
+        float *to = sum[a->place[k]];
 
-        memcpy(&scale, &bits, sizeof(scale));
         for (int c = 0; c < 4; c++)
             to[c] += (float)(power >> 8 * c & 255u) * scale * light[c];
     }

@@ -13,6 +13,7 @@
 
 #include "estimators/caustic_store.h"
 #include "estimators/particles.h"
+#include "estimators/power.h"
 #include "env/sky_split.h"
 
 #include <omp.h>
@@ -525,6 +526,43 @@ static void a_scene_without_casters_stores_nothing(void **state)
     stage_free(&s);
 }
 
+/* By hand: 0.75 is 192 units of 2^-8, 0.5 are 128 and 0.1 is 25.6, the one byte that u rounds up or down. */
+static void numbers_share_a_power_of_two(void **state)
+{
+    static const float rgb[3] = { 0.75f, 0.5f, 0.1f };
+    (void)state;
+
+    assert_int_equal(power_pack(rgb, 0.3), 192 | 128 << 8 | 25 << 16 | (127 - 8) << 24);
+    assert_int_equal(power_pack(rgb, 0.5), 192 | 128 << 8 | 26 << 16 | (127 - 8) << 24);
+    assert_true(power_unit(power_pack(rgb, 0.5)) == 0x1p-8f);
+    assert_int_equal(power_pack((const float[3]){ 0, 0, 0 }, 0.9), 0);
+    assert_int_equal(power_pack((const float[3]){ 0x1p-120f, 0, 0 }, 0.9), 0);            /* below 2^-126 units */
+    assert_int_equal(power_pack((const float[3]){ 0x1p-119f, 0, 0 }, 0.0), 128 | 1 << 24); /* the least power */
+    assert_int_equal(power_pack((const float[3]){ 1e30f, 0, 1 }, 0.0), 255u | 200u << 24);
+}
+
+/* Its mean over u is the number: also where the largest is 255.5 of 256 parts, which a byte of its own power cannot
+ * hold, and takes 127.75 units of the next. */
+static void the_mean_of_what_is_packed_is_exact(void **state)
+{
+    static const float most[4] = { 0x1.0p0f, 0x1.fdp0f, 0x1.fep0f, 0x1.ffp0f }; /* 128, 254.5, 255, 255.5 parts */
+    enum { STEPS = 64 };
+    (void)state;
+
+    for (int k = 0; k < 4; k++) {
+        const float rgb[3] = { 0.3f * most[k], most[k], most[k] };
+        double sum[3] = { 0.0 };
+        for (int i = 0; i < STEPS; i++) {
+            const uint32_t packed = power_pack(rgb, (i + 0.5) / STEPS);
+            for (int c = 0; c < 3; c++)
+                sum[c] += (double)(packed >> 8 * c & 255u) * (double)power_unit(packed) / STEPS;
+            assert_int_equal(packed >> 24, 127 - 7 + (k == 3));
+        }
+        assert_true(fabs(sum[0] - (double)rgb[0]) < 0x1p-7 / STEPS);
+        assert_true(sum[1] == (double)most[k] && sum[2] == sum[1]);
+    }
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(one_store_lights_each_sky_as_tracing_does),
     cmocka_unit_test(the_store_and_the_bright_part_add_up),
@@ -538,5 +576,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_turn_that_is_cancelled_is_made_up_for),
     cmocka_unit_test(it_lights_while_it_grows),
     cmocka_unit_test(a_scene_without_casters_stores_nothing),
+    cmocka_unit_test(numbers_share_a_power_of_two),
+    cmocka_unit_test(the_mean_of_what_is_packed_is_exact),
 };
 UNIT_MAIN(tests)

@@ -1,0 +1,39 @@
+/* Three numbers as bytes with a shared power of two [Ward 1991]: what a stored splat carries. */
+#pragma once
+
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#define POWER_MAX 200 /* 2^73, larger than any real value */
+
+/* Rounds stochastically by u in [0, 1), so that the mean is exact; the same u for all three, so that grey stays grey.
+ * The first number is in the lowest byte, the power in the highest. 0 if they are too small. */
+static inline uint32_t power_pack(const float rgb[3], double u)
+{
+    const float most = fmaxf(rgb[0], fmaxf(rgb[1], rgb[2]));
+    uint32_t out = 0;
+    int power;
+
+    frexpf(most, &power); /* most is in 2^(power - 1) .. 2^power, that is, 128 to 256 times 2^(power - 8) */
+    power -= 8;
+    if (ldexp((double)most, -power) > 255.0) /* would round up to 256 */
+        power++;
+    if (!(most > 0.0f) || power < -126)
+        return 0;
+    if (power > POWER_MAX - 127)
+        power = POWER_MAX - 127;
+    for (int c = 0; c < 3; c++)
+        out |= (uint32_t)fmin(255.0, floor(ldexp((double)rgb[c], -power) + u)) << 8 * c;
+    return out | (uint32_t)(power + 127) << 24;
+}
+
+/* What one of a byte stands for. */
+static inline float power_unit(uint32_t packed)
+{
+    const uint32_t bits = packed >> 24 << 23;
+    float unit;
+
+    memcpy(&unit, &bits, sizeof(unit));
+    return unit;
+}
