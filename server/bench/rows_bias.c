@@ -6,7 +6,7 @@
 #include "base/mem.h"
 #include "compare/metrics.h"
 #include "env/pyramid.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 #include "transport/parts.h"
 #include "env/sky_split.h"
 

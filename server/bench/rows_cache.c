@@ -3,7 +3,7 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 #include "base/rng.h"
 
 #include <math.h>

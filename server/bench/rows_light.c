@@ -2,7 +2,7 @@
 #include "bench/bench_parts.h"
 
 #include "base/mem.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 
 #include <math.h>
 #include <omp.h>

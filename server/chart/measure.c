@@ -6,7 +6,7 @@
 #include "codec/jpeg.h"
 #include "base/mem.h"
 #include "base/progress.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 
 #include <math.h>
 #include <stdio.h>

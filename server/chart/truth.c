@@ -6,7 +6,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/progress.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 #include "base/rng.h"
 #include "scene/scene_digest.h"
 

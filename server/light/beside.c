@@ -1,6 +1,6 @@
 #include "light/beside.h"
 
-#include "light/backplate.h"
+#include "resolve/backplate.h"
 #include "base/cancel.h"
 #include "base/mem.h"
 #include "light/facts.h"

@@ -2,7 +2,7 @@
 
 #include "base/mem.h"
 #include "base/rng.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 
 #include <math.h>
 #include <string.h>

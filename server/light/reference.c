@@ -3,7 +3,7 @@
 #include "estimators/baselines/mlt.h"
 #include "estimators/baselines/photons.h"
 #include "estimators/baselines/vpl.h"
-#include "light/backplate.h"
+#include "resolve/backplate.h"
 
 #include <assert.h>
 

@@ -2,7 +2,7 @@
 
 #include "base/cancel.h"
 #include "base/clock.h"
-#include "light/backplate.h"
+#include "resolve/backplate.h"
 #include "light/beside.h"
 #include "history/denoise.h"
 #include "history/history.h"
@@ -12,7 +12,7 @@
 #include "light/reference.h"
 #include "light/relight_plan.h"
 #include "light/relighter.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 #include "base/rng.h"
 #include "filter/splats.h"
 #include "light/stated.h"

@@ -6,7 +6,7 @@
 #include "base/progress.h"
 #include "base/threads.h"
 #include "light/relight_builder.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 
 #include <omp.h>
 #include <pthread.h>

@@ -2,8 +2,8 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "light/backplate.h"
-#include "light/resolve.h"
+#include "resolve/backplate.h"
+#include "resolve/resolve.h"
 #include "base/rng.h"
 
 #include <string.h>
@@ -20,7 +20,7 @@ bool passes_init(struct passes *s, const struct set *set, const struct kernels *
         .lo = mem_alloc(set->gbuffer->packet_count, 3 * PACKET * sizeof(float)),
     };
     const bool ground = set->scene->ground.radius > 0.0f;
-    s->backplate = ground ? backplate_create(set) : NULL;
+    s->backplate = ground ? backplate_create(set->scene, set->gbuffer, &set->view) : NULL;
     return s->direct[0] && s->light && s->resolver && s->scratch && s->lo && (s->backplate || !ground);
 }
 

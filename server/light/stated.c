@@ -9,7 +9,7 @@
 #include "history/denoise.h"
 #include "history/history.h"
 #include "light/relighter.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 
 #define LEAST_RAYS 20000 /* that an audit is worth; live pictures that cost little pay for one together */
 

@@ -1,7 +1,7 @@
 #include "light/still.h"
 
 #include "base/mem.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 #include "base/rng.h"
 
 #include <math.h>

@@ -54,7 +54,7 @@ enum probe_part { PROBE_DIRECT, PROBE_INDIRECT, PROBE_CAUSTICS, PROBE_BACKGROUND
 
 /* The pixel's light by class of paths.h, of which only those of the image are computed. Light of lamps is not in it. */
 struct probe_parts {
-    bool known; /* false: the preset, or the pixel shows the ground, which is no sum of them (light/backplate.h) */
+    bool known; /* false: the preset, or the pixel shows the ground, which is no sum of them (resolve/backplate.h) */
     uint32_t classes;
     struct probe_mean of[PROBE_PARTS]; /* independent of each other; the background has no error */
     double share[PROBE_PARTS];         /* of their luminance; their sum is 1, or 0 if all is black */

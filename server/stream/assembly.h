@@ -4,7 +4,7 @@
 #ifndef STREAM_ASSEMBLY_H
 #define STREAM_ASSEMBLY_H
 
-#include "stream/message.h"
+#include "message/message.h"
 #include "protocol/relight_protocol.h"
 
 #include <stdbool.h>

@@ -8,7 +8,7 @@
 #define STREAM_INGEST_H
 
 #include "stream/assembly.h"
-#include "stream/message.h"
+#include "message/message.h"
 #include "base/recent.h"
 #include "stream/server.h"
 

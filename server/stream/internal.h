@@ -8,7 +8,7 @@
 #include "stream/guests.h"
 #include "stream/ingest.h"
 #include "stream/limits.h"
-#include "stream/message.h"
+#include "message/message.h"
 #include "stream/prometheus.h"
 #include "stream/pixel_probe.h"
 #include "stream/server.h"

@@ -3,7 +3,7 @@
 #ifndef STREAM_PROMETHEUS_H
 #define STREAM_PROMETHEUS_H
 
-#include "stream/message.h"
+#include "message/message.h"
 #include "stream/server.h"
 
 #include <stdatomic.h>

@@ -7,6 +7,7 @@
 
 #include "base/err.h"
 #include "codec/frame.h"
+#include "message/terms.h"
 #include "net/figures.h"
 #include "stream/picture.h"
 
@@ -16,14 +17,6 @@
 
 struct server;
 struct setting;
-
-enum server_role {
-    SERVER_VIEWER,
-    SERVER_CONTROLLER,
-    SERVER_PRODUCER,
-    SERVER_RECORDER,
-    SERVER_ROLES,
-};
 
 /* Zero means the default. server_create copies the strings. */
 struct server_desc {
@@ -132,12 +125,6 @@ struct server_ticket {
  * the fate of one is open. False after timeout_ms without a frame. One thread at a time. */
 bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *ticket, int timeout_ms);
 
-enum server_fate {
-    SERVER_USED,       /* a picture was made */
-    SERVER_SUPERSEDED, /* a newer one replaced it */
-    SERVER_REFUSED,    /* unusable: `why` gives the reason */
-};
-
 /* Reports the fate of a taken frame to its producer, if still connected, and returns credit. Lockstep frames are never
  * superseded. A second call for the same frame does nothing. why may be NULL. */
 void server_frame_fate(struct server *s, const struct server_ticket *ticket, enum server_fate fate, const char *why);
@@ -148,15 +135,6 @@ void server_frame_fate(struct server *s, const struct server_ticket *ticket, enu
 void server_publish_for(struct server *s, struct picture *picture, const struct server_ticket *ticket);
 
 /* ---- What controllers ask for ---- */
-
-/* The values are those of a struct that the rows of server_desc.controls describe. */
-#define SERVER_CONTROL_BYTES 512
-struct server_control {
-    uint32_t asked; /* bit k: the request sets row k */
-    _Alignas(8) char values[SERVER_CONTROL_BYTES];
-    uint64_t by, request; /* the requesting connection and the number of its request, which the answer repeats */
-    const char *clause;   /* of PROTOCOL.md, static: the caller sets it with an error; NULL: 4.13 */
-};
 
 /* The next request. Consecutive requests of one controller are merged; the newest value wins. The rows define the
  * checks of ranges and choices; the caller checks values that depend on scene and source. False: none. */
@@ -172,14 +150,6 @@ void server_set_control(struct server *s, const void *values, const struct serve
 
 /* ---- Questions about a pixel ---- */
 
-struct server_probe {
-    uint64_t by, request; /* connection and number of the request, for the answer */
-    uint32_t x, y;        /* within the picture, if its size is known */
-    uint32_t samples;     /* 0: default */
-    bool figure, sky;     /* the preset of [LPG13, Fig. 1]; include a picture of the sky */
-    bool sky_alone;       /* the query is about the sky only, not a pixel */
-};
-
 /* The next query. False: none. */
 bool server_take_probe(struct server *s, struct server_probe *out);
 
@@ -189,21 +159,11 @@ void server_answer_probe(struct server *s, const struct server_probe *asked, con
 
 /* The pixels that clients follow from picture to picture. Returns their number. */
 #define SERVER_FOLLOWED_MAX 32
-struct server_follow {
-    uint64_t by;
-    uint32_t x, y;
-};
 /* Copies them to out. Any thread. */
 uint32_t server_followed(struct server *s, struct server_follow out[SERVER_FOLLOWED_MAX]);
 
-/* A picture's radiance at a followed pixel. Slow clients get the newest only. */
-struct server_radiance {
-    uint64_t frame;
-    int64_t capture_us; /* 0: unknown */
-    bool finer;         /* a refined picture of the same frame */
-    float rgb[3];
-};
-/* Copies *r for the client that follows f; does nothing if it no longer follows. Any thread. */
+/* Copies *r, a picture's radiance at a followed pixel, for the client that follows f; does nothing if it no longer
+ * follows. Any thread. */
 void server_send_radiance(struct server *s, const struct server_follow *f, const struct server_radiance *r);
 
 /* ---- Figures out, demand in ---- */

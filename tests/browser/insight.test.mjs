@@ -12,7 +12,7 @@ const RELIGHTD = chromium.RELIGHT_RELIGHTD;
 
 // Without a cache, whose images come with no error.
 async function withPage(args, body, options) {
-  const server = await startServer(RELIGHTD, ['--port', '0', '--size', '160x90', '--allow-bias', '0', ...args]);
+  const server = await startServer(RELIGHTD, ['--port', '0', '--size', '64x36', '--allow-bias', '0', ...args]);
   const page = await openPage(chromium.browser, `${server.url}?coding=jpeg`, options);
   try {
     await page.waitForFunction(() => window.relight?.frames > 0 && window.relight.status?.frames?.used > 0, null, { timeout: 60000 });
@@ -288,8 +288,8 @@ test('changed pixels lie over the image while they are asked for', () => withPag
     for (let i = 0; i < data.length; i += 4) red += data[i + 3] > 0 && data[i] > 0 ? 1 : 0;
     return { width: canvas.width, height: canvas.height, hidden: canvas.hidden, red };
   });
-  assert.deepEqual([map.width, map.height, map.hidden], [160, 90, false]);
-  assert.ok(map.red > 160 * 90 / 4, `${map.red} changed pixels`);
+  assert.deepEqual([map.width, map.height, map.hidden], [64, 36, false]);
+  assert.ok(map.red > 64 * 36 / 4, `${map.red} changed pixels`);
   await page.click('#changes-shown');
   assert.deepEqual(await page.evaluate(() => [document.getElementById('changes-map').hidden, window.relight.changes.socket]), [true, null]);
 }));

@@ -10,7 +10,7 @@
 #include "compare/flip.h"
 #include "filter/filter.h"
 #include "light/relight.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 #include "source/source.h"
 
 #include <math.h>

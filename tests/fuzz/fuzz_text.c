@@ -2,7 +2,7 @@
 #include "harness.h"
 
 #include "settings/settings.h"
-#include "stream/message.h"
+#include "message/message.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -31,9 +31,9 @@ TREE = ROOT / "build/mutate/tree"
 BUILD = TREE / "build"  # as in any clone, so that ccache knows the objects
 TARGETS = {"env": 95, "brdf": 95, "film": 95, "estimators": 95, "protocol": 95, "decoders": 90, "transport": 90, "bounce": 90,
            "light": 95, "net": 90, "stream": 90}
-SOURCES = {"protocol": ["protocol/*.c", "server/stream/message_*.c", "server/stream/assembly.c", "server/stream/texels.c"],
+SOURCES = {"protocol": ["protocol/*.c", "server/message/message_*.c", "server/stream/assembly.c", "server/stream/texels.c"],
            "decoders": ["server/codec/**/*.[ch]", "server/decoder/*.[ch]"]}
-TESTS = {"protocol": ["stream"], "decoders": ["codec", "decoder"]}
+TESTS = {"protocol": ["message", "stream"], "decoders": ["codec", "decoder"]}
 SECONDS = {"estimators": 90.0, "transport": 60.0, "light": 60.0, "bounce": 60.0}  # of tests for each fault, where they take long; else 20
 AT_LEAST = 20.0  # seconds that a test may take before it counts as one that never ends; more where it usually takes more
 

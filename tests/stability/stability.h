@@ -11,7 +11,7 @@
 #include "compare/metrics.h"
 #include "film/film.h"
 #include "light/relight.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 
 #include <omp.h>
 

@@ -10,7 +10,7 @@
 #include "estimators/kernels.h"
 #include "base/mem.h"
 #include "light/relight.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 #include "source/source.h"
 
 #include <math.h>

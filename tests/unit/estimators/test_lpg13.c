@@ -15,7 +15,7 @@
 
 #include "estimators/dragon.h"
 #include "compare/metrics.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 
 #include <omp.h>
 

@@ -1,7 +1,7 @@
 /* The light of lamps against closed forms within its noise, which is measured: replicates are seeds. */
 #include "lamps/rooms_lit.h"
 
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 
 enum { WIDTH = 24, HEIGHT = 18, PIXELS = WIDTH * HEIGHT, ACROSS = 4, DOWN = 3 };
 

@@ -31,7 +31,7 @@
 #include "scene/gbuffer.h"
 #include "scene/scene_build.h"
 #include "estimators/light_tracer.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 #include "source/source.h"
 #include "env/sky_split.h"
 

@@ -7,7 +7,7 @@
  * is (1 - F) times the sky. */
 #include "estimators/courts.h"
 #include "estimators/points.h"
-#include "light/backplate.h"
+#include "resolve/backplate.h"
 #include "light/relight.h"
 #include "scene/ground.h"
 #include "scene/scene_build.h"

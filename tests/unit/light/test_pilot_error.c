@@ -12,7 +12,7 @@
  * standard errors (printed) of the mean. */
 #include "compare/metrics.h"
 #include "light/pilots.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 
 #include <math.h>
 

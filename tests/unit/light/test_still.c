@@ -1,7 +1,7 @@
 /* A sky that stands still: passes that are right in the mean, weighed against the picture that was shown first. Random
  * numbers are fixed, so that each claim was looked at once with other seeds than those it is made with here. */
 #include "compare/metrics.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 #include "estimators/points.h"
 #include "light/still.h"
 #include "support/sets.h"

@@ -3,7 +3,7 @@
 #include "support/skies.h"
 
 #include "scene/gbuffer.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 
 #define SIDE 64u
 

@@ -1,4 +1,3 @@
-unit_test(light test_resolve)
 unit_test(light test_lean)
 unit_test(light test_wide)
 unit_test(light test_facts)

@@ -2,7 +2,7 @@
 #include "estimators/points.h"
 #include "probe/probe.h"
 #include "light/relight.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 #include "estimators/worlds.h"
 #include "reader/builtin.h"
 

@@ -4,7 +4,7 @@
 #include "codec/hdr_write.h"
 #include "compare/metrics.h"
 #include "daylight/reinhart.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 #include "estimators/points.h"
 #include "source/sky.h"
 #include "source/sky_sun.h"

@@ -3,7 +3,7 @@
 #include "base/config.h"
 #include "base/setting_table.h"
 #include "settings/settings.h"
-#include "stream/message.h"
+#include "message/message.h"
 
 #include "support/unit.h"
 

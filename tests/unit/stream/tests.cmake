@@ -1,6 +1,5 @@
 unit_test(stream test_protocol PkgConfig::JANSSON)
 target_compile_definitions(test_stream_test_protocol PRIVATE VECTORS="${CMAKE_SOURCE_DIR}/protocol/vectors")
-unit_test(stream test_message)
 unit_test(stream test_http PkgConfig::JANSSON)
 unit_test(stream test_handshake settings PkgConfig::JANSSON)
 unit_test(stream test_viewer PkgConfig::JANSSON)

@@ -1,4 +1,4 @@
-#include "light/backplate.h"
+#include "resolve/backplate.h"
 
 #include "base/mem.h"
 #include "env/irradiance.h"
@@ -17,7 +17,9 @@ struct catch
 };
 
 struct backplate {
-    const struct set *set;
+    const struct scene *scene;
+    const struct gbuffer *gbuffer;
+    const struct view *view;
     struct catch *catches;
     uint32_t count;
     float (*lit)[3]; /* [count]: the radiances that backplate_show replaced */
@@ -34,20 +36,20 @@ struct backplate {
 
 static size_t values_of(const struct backplate *b)
 {
-    return 3 * (size_t)b->set->gbuffer->width * b->set->gbuffer->height;
+    return 3 * (size_t)b->gbuffer->width * b->gbuffer->height;
 }
 
 static bool is_ground(const struct backplate *b, uint32_t point)
 {
-    const uint32_t material = b->set->gbuffer->packets[point / PACKET].material[point % PACKET];
+    const uint32_t material = b->gbuffer->packets[point / PACKET].material[point % PACKET];
 
-    return b->set->scene->materials[material].ground;
+    return b->scene->materials[material].ground;
 }
 
 static struct catch catch_of(const struct backplate *b, uint32_t point)
 {
-    const struct shade_packet *p = &b->set->gbuffer->packets[point / PACKET];
-    const struct ground *ground = &b->set->scene->ground;
+    const struct shade_packet *p = &b->gbuffer->packets[point / PACKET];
+    const struct ground *ground = &b->scene->ground;
     const uint32_t lane = point % PACKET;
     const struct vec3 off = vec3_sub(vec3_make(p->x[lane], p->y[lane], p->z[lane]), ground->centre);
     const float near = ground->radius / vec3_length(off);
@@ -62,7 +64,7 @@ static struct catch catch_of(const struct backplate *b, uint32_t point)
 /* Lists points and packets; only counts them where there are no arrays. */
 static void find_points(struct backplate *b)
 {
-    const struct gbuffer *g = b->set->gbuffer;
+    const struct gbuffer *g = b->gbuffer;
 
     b->count = b->packets.count = 0;
     for (uint32_t i = 0; i < g->packet_count; i++) {
@@ -82,13 +84,15 @@ static void find_points(struct backplate *b)
     }
 }
 
-struct backplate *backplate_create(const struct set *set)
+struct backplate *backplate_create(const struct scene *scene, const struct gbuffer *g, const struct view *view)
 {
     struct backplate *b = mem_alloc(1, sizeof(*b));
 
     if (!b)
         return NULL;
-    b->set = set;
+    b->scene = scene;
+    b->gbuffer = g;
+    b->view = view;
     find_points(b);
     b->index = mem_alloc(b->packets.count + 1, sizeof(*b->index));
     b->lit = mem_alloc(b->count + 1, sizeof(*b->lit));
@@ -157,7 +161,7 @@ enum err backplate_begin(struct backplate *b, const struct environment *e, bool 
         return ERR_OK;
 #pragma omp parallel for schedule(dynamic, 256)
     for (uint32_t i = 0; i < b->count; i++)
-        b->catches[i].place = lookup_place_find(e, b->catches[i].away, b->set->gbuffer->pixel_angle);
+        b->catches[i].place = lookup_place_find(e, b->catches[i].away, b->gbuffer->pixel_angle);
     b->key = key;
     b->placed = true;
     return ERR_OK;
@@ -181,7 +185,7 @@ const struct packet_list *backplate_packets(const struct backplate *b)
 float *backplate_unshadowed(struct backplate *b)
 {
     if (!b->unshadowed)
-        b->unshadowed = mem_alloc(b->set->gbuffer->packet_count, 3 * PACKET * sizeof(float));
+        b->unshadowed = mem_alloc(b->gbuffer->packet_count, 3 * PACKET * sizeof(float));
     return b->unshadowed;
 }
 
@@ -205,9 +209,9 @@ void backplate_steady(const struct backplate *b, float *lo)
 /* T and the visible background, from the radiances before and after their replacement. */
 static void keep_pixel(const struct backplate *b, const struct environment *e, const float *lo, uint32_t x, uint32_t y)
 {
-    const struct gbuffer *g = b->set->gbuffer;
+    const struct gbuffer *g = b->gbuffer;
     const size_t pixel = (size_t)y * g->width + x;
-    const struct vec3 ahead = view_direction(&b->set->view, x + 0.5, y + 0.5);
+    const struct vec3 ahead = view_direction(b->view, x + 0.5, y + 0.5);
     float *through = b->through + 3 * pixel, *behind = b->behind + 3 * pixel, seen[3];
 
     for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1]; k++) {
@@ -234,7 +238,7 @@ static void keep_pixel(const struct backplate *b, const struct environment *e, c
 /* The part of T that the ground has, before its radiances are replaced. */
 static void keep_ratios(const struct backplate *b, const float *lo)
 {
-    const struct gbuffer *g = b->set->gbuffer;
+    const struct gbuffer *g = b->gbuffer;
 
 #pragma omp parallel for schedule(dynamic, 4096)
     for (size_t pixel = 0; pixel < (size_t)g->width * g->height; pixel++) {
@@ -253,7 +257,7 @@ static void keep_ratios(const struct backplate *b, const float *lo)
 
 static void keep_pixels(const struct backplate *b, const struct environment *e, const float *lo)
 {
-    const struct gbuffer *g = b->set->gbuffer;
+    const struct gbuffer *g = b->gbuffer;
 
 #pragma omp parallel for schedule(dynamic, 4)
     for (uint32_t y = 0; y < g->height; y++)
@@ -276,7 +280,7 @@ void backplate_show(struct backplate *b, const struct environment *e, float *lo)
         const struct catch *at = &b->catches[i];
         float *x = radiance_at(lo, at->point), seen[3];
         if (at->place.texel == LOOKUP_NONE)
-            environment_lookup_wide(e, at->away, b->set->gbuffer->pixel_angle, seen);
+            environment_lookup_wide(e, at->away, b->gbuffer->pixel_angle, seen);
         else
             lookup_at(&image, &at->place, seen);
         for (int c = 0; c < 3; c++) {
@@ -311,11 +315,10 @@ float *backplate_splats(struct backplate *b)
 /* The background at the middle of a pixel. */
 static void background_at(const struct backplate *b, const struct environment *e, size_t pixel, float rgb[3])
 {
-    const uint32_t width = b->set->gbuffer->width;
-    const struct vec3 ahead =
-        view_direction(&b->set->view, (double)(pixel % width) + 0.5, (double)(pixel / width) + 0.5);
+    const uint32_t width = b->gbuffer->width;
+    const struct vec3 ahead = view_direction(b->view, (double)(pixel % width) + 0.5, (double)(pixel / width) + 0.5);
 
-    environment_lookup_wide(e, ahead, b->set->gbuffer->pixel_angle, rgb);
+    environment_lookup_wide(e, ahead, b->gbuffer->pixel_angle, rgb);
 }
 
 void backplate_add_splats(struct backplate *b, const struct environment *e, float *rgb)

@@ -1,4 +1,4 @@
-#include "stream/message.h"
+#include "message/message.h"
 
 #include "base/mem.h"
 

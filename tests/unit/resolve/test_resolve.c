@@ -4,7 +4,7 @@
 #include "scene/gbuffer.h"
 #include "env/layout.h"
 #include "env/lookup_place.h"
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 
 enum { WIDTH = 32, HEIGHT = 24, PIXELS = WIDTH * HEIGHT };
 

@@ -13,15 +13,21 @@
  * distance d of its centre, 1 - min(1, 2 (r / d)^3).
  *
  * Thread: one at a time. Functions run on all OpenMP threads; the result does not depend on their number. */
-#ifndef LIGHT_BACKPLATE_H
-#define LIGHT_BACKPLATE_H
+#ifndef RESOLVE_BACKPLATE_H
+#define RESOLVE_BACKPLATE_H
 
-#include "light/relight.h"
+#include "env/environment.h"
+#include "base/err.h"
+#include "scene/gbuffer.h"
+#include "scene/scene.h"
+#include "scene/view.h"
+
+#include <stdbool.h>
 
 struct backplate;
 
-/* Creates the catcher for a set whose scene has a ground and which must outlive it. NULL: out of memory. */
-struct backplate *backplate_create(const struct set *set);
+/* Creates the catcher for a scene with a ground, before a camera; all three must outlive it. NULL: out of memory. */
+struct backplate *backplate_create(const struct scene *scene, const struct gbuffer *g, const struct view *view);
 void backplate_destroy(struct backplate *b); /* NULL is allowed */
 
 /* L0 under e, W sr^-1 m^-2. ERR_NOMEM. */

@@ -1,10 +1,12 @@
 /* The text messages of relight.v1 (PROTOCOL.md sections 3 to 5): JSON to checked values and back. No sockets, no state;
  * any thread. */
-#ifndef STREAM_MESSAGE_H
-#define STREAM_MESSAGE_H
+#ifndef MESSAGE_MESSAGE_H
+#define MESSAGE_MESSAGE_H
 
 #include "base/setting.h"
-#include "stream/server.h"
+#include "message/terms.h"
+#include "net/figures.h"
+#include "protocol/relight_protocol.h"
 
 #include <stdbool.h>
 #include <stddef.h>

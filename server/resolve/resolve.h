@@ -1,10 +1,9 @@
-/* server/light/resolve.h */
 /* Resolves shade points to pixels. A pixel is the sum of its parts: weight * Lo(shade point) over its entries, weight *
  * Lenv(direction) over its escapes (e NULL: without those). lo: float[packet_count][3][16] as direct_shade writes it.
  * Writes every pixel of rgb, float[height][width][3]. Runs on all OpenMP threads; the result does not depend on their
  * number. */
-#ifndef LIGHT_RESOLVE_H
-#define LIGHT_RESOLVE_H
+#ifndef RESOLVE_RESOLVE_H
+#define RESOLVE_RESOLVE_H
 
 #include "env/environment.h"
 #include "scene/gbuffer.h"

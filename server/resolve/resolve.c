@@ -1,4 +1,4 @@
-#include "light/resolve.h"
+#include "resolve/resolve.h"
 
 #include "env/lookup_place.h"
 #include "base/mem.h"

@@ -1,7 +1,7 @@
 /* The text messages: PROTOCOL.md sections 3 and 4, each fault by its clause. */
 #include "support/unit.h"
 
-#include "stream/message.h"
+#include "message/message.h"
 
 struct row {
     const char *text;

@@ -1,0 +1,1 @@
+unit_test(message test_message)

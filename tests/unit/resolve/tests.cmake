@@ -1,0 +1,1 @@
+unit_test(resolve test_resolve)
