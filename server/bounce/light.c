@@ -140,9 +140,7 @@ static void set_origins(const struct bounce_spot *spots, struct ray16 *ray)
     }
 }
 
-/* The direction of lane l through one of TOGETHER neighbouring cells: in each half of the packet a record's spots take
- * turns between two cells, and the four that look through a cell do so through its four quarters. *which: the cell. */
-static uint32_t direction_of(uint32_t cell, uint64_t turn, uint32_t l, uint32_t *which)
+uint32_t bounce_direction(uint32_t cell, uint64_t turn, uint32_t l, uint32_t *which)
 {
     const uint32_t spot = (l ^ (uint32_t)turn) % BOUNCE_SPOTS, random = (uint32_t)(turn >> (8 + 2 * l)) % 4;
 
@@ -162,7 +160,7 @@ static void light_by(const struct bounce_build *b, const struct bounce_spot *spo
     uint32_t which[PACKET], count = 0;
 
     for (uint32_t l = 0; l < PACKET; l++) {
-        const uint32_t at = direction_of(cell, turn, l, &which[l]);
+        const uint32_t at = bounce_direction(cell, turn, l, &which[l]);
         const float x = b->directions.x[at], y = b->directions.y[at], z = b->directions.z[at];
         const struct bounce_spot *s = &spots[l % BOUNCE_SPOTS];
         const float above = s->geometric.x * x + s->geometric.y * y + s->geometric.z * z;

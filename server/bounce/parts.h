@@ -244,6 +244,11 @@ struct bounce_build {
     uint64_t rays, own_rays; /* of all processes' records and groups; of this one's */
 };
 
+/* Which of the directions of cells, 16 each, lane l of a record's packet looks in, through one of four cells from
+ * `cell` on: in each half of the packet a record's spots take turns between two cells, and the four that look through a
+ * cell do so through its four quarters. turn: random. *which: the cell, 0 to 3. */
+uint32_t bounce_direction(uint32_t cell, uint64_t turn, uint32_t l, uint32_t *which);
+
 /* The steps of building, in this order. Each uses all OpenMP threads and returns early, with ERR_OK, when cancelled.
  * ERR_NOMEM; bounce_gather_blocks also ERR_RANGE: more than max_bytes. */
 MUST_CHECK enum err bounce_find_records(struct bounce_build *b);

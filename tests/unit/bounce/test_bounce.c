@@ -1,50 +1,8 @@
 /* The cache of interreflection, held to closed forms, to eye paths, and to a sun that moves. */
-#include "bounce/bounce.h"
-#include "transport/transports.h"
-#include "bounce/parts.h"
+#include "bounce/bounces.h"
 #include "bounce/smooth.h"
-#include "estimators/courts.h"
-#include "estimators/points.h"
 
 #include <omp.h>
-
-/* A cheap direct cache, of which only the packets that it takes count here. */
-static struct transport *direct_of(const struct lit *x)
-{
-    struct transport *t;
-    const struct transport_desc desc = { .per_cell = 1, .lobe_samples = 1 };
-
-    t = transport_of(x->gbuffer, x->rays, &desc);
-    return t;
-}
-
-static struct bounce_desc desc_of(const struct lit *x, const struct transport *t, uint64_t seed)
-{
-    return (struct bounce_desc){ .scene = x->scene,
-                                 .rays = x->rays,
-                                 .gbuffer = x->gbuffer,
-                                 .direct = t,
-                                 .eye = x->scene->cameras[0].position,
-                                 .records = 1500,
-                                 .seed = seed };
-}
-
-static struct bounce *bounce_of(const struct lit *x, const struct transport *t, uint64_t seed)
-{
-    const struct bounce_desc desc = desc_of(x, t, seed);
-    struct bounce *b;
-    struct reason why;
-
-    assert_int_equal(bounce_create(&desc, best_kernels(), &b, &why), ERR_OK);
-    assert_non_null(b);
-    return b;
-}
-
-static void shade_bounce(struct bounce *b, struct lit *x, const struct environment *e)
-{
-    clear(x);
-    bounce_shade_part(b, e, 1.0f, NULL, x->lo);
-}
 
 /* Means by colours over the points that are seen directly (0) and behind mirrors and glass (1), without packets that
  * the cache leaves. */

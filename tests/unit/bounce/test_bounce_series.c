@@ -1,0 +1,127 @@
+/* The cache of interreflection where light goes to and fro so often that sums of series are known. */
+#include "bounce/bounces.h"
+
+/* In a sphere that is open by a share f of its area, 1/4 here, a bounce leaves q = a (1 - f) of the light, so that the
+ * i-th adds q^i of the first: the series may end where what is left, q^(i+1) / (1 - q), is 3/1000 of the whole, 1 / (1
+ * - q). That is after 5 bounces of q = 3/8, (3/8)^6 = 0.0028 and (3/8)^5 = 0.0074, and after 14 of q = 27/40:
+ * (27/40)^15 = 0.0028, (27/40)^14 = 0.0041. */
+static void the_series_ends_when_little_is_left(void **state)
+{
+    static const struct {
+        double albedo;
+        uint32_t bounces;
+    } cases[2] = { { 0.5, 5 }, { 0.9, 14 } };
+    (void)state;
+
+    for (int k = 0; k < 2; k++) {
+        struct scene *s = scene_from(vec3_make(0, 0.2f, 0.9f), vec3_make(0, -0.5f, 0), 1.2f);
+        add_sphere(s, lambert((float)cases[k].albedo), vec3_make(0, 0, 0), 1.0f, 36, 12);
+        struct lit x = lit_create(s, 12, 9);
+        struct transport *t = direct_of(&x);
+        struct bounce_desc desc = desc_of(&x, t, 1);
+        struct bounce *b;
+        struct reason why;
+        desc.records = 200;
+        desc.gather = 4;
+        assert_int_equal(bounce_create(&desc, best_kernels(), &b, &why), ERR_OK);
+        printf("albedo %.1f: %u bounces, want %u\n", cases[k].albedo, bounce_stats(b)->bounces, cases[k].bounces);
+        assert_int_equal(bounce_stats(b)->bounces, cases[k].bounces);
+        bounce_destroy(b);
+        transport_destroy(t);
+        lit_destroy(&x);
+    }
+}
+
+/* The directional albedo of a lane's lobe, by quadrature over its hemisphere. */
+static double albedo_of(const struct shade_packet *p, uint32_t l)
+{
+    enum { ROWS = 64, COLUMNS = 128 };
+    const struct lobe lobe = lobe_of_lane(p, l);
+    const struct vec3 wo = vec3_make(p->wo_x[l], p->wo_y[l], p->wo_z[l]);
+    double sum = 0.0;
+
+    for (int i = 0; i < ROWS; i++)
+        for (int j = 0; j < COLUMNS; j++) {
+            const double cosine = sqrt((i + 0.5) / ROWS), sine = sqrt(1.0 - cosine * cosine);
+            const double phi = 2.0 * PI * (j + 0.5) / COLUMNS;
+            double brdf[3];
+            lobe_evaluate(&lobe, wo, frame_direction(lobe.shading, sine * cos(phi), sine * sin(phi), cosine), brdf);
+            sum += brdf[1] * PI / (ROWS * COLUMNS);
+        }
+    return sum;
+}
+
+/* A small metal plate within such a sphere, which faces its closed part, sees the same radiance L = a f / (1 - a (1 -
+ * f)) all around, and sends on what its albedo in the viewer's direction leaves of it: seen flatly, where a lobe's rays
+ * and those of the matte part meet with densities that differ the most. */
+static void a_metal_plate_reflects_the_sphere_around(void **state)
+{
+    const double a = 0.8, f = 0.25, radiance = a * f / (1.0 - a * (1.0 - f));
+    struct scene *s = scene_from(vec3_make(0, 0.1f, 0.6f), vec3_make(0, 0.3f, 0), 0.4f);
+    struct material metal = { .kind = MATERIAL_GGX, .diffuse = { 0.9f, 0.9f, 0.9f }, .metallic = 1.0f };
+    (void)state;
+
+    metal.roughness = 0.75f;
+    add_sphere(s, lambert((float)a), vec3_make(0, 0, 0), 1.0f, 36, 12);
+    add_box(s, metal, vec3_make(-0.15f, 0.3f, -0.1f), vec3_make(0.15f, 0.31f, 0.1f));
+    struct lit x = lit_create(s, 32, 24);
+    struct environment *e = sky_environment(sky_constant(16, 8, 1.0f), 32, 0.0);
+    struct transport *t = direct_of(&x);
+    struct bounce_desc desc = desc_of(&x, t, 3);
+    struct bounce *b;
+    struct reason why;
+    double got = 0.0, want = 0.0, count = 0.0;
+    desc.records = 300;
+    desc.gather = 128;
+    assert_int_equal(bounce_create(&desc, best_kernels(), &b, &why), ERR_OK);
+    shade_bounce(b, &x, e);
+    for (uint32_t i = 0; i < x.gbuffer->packet_count; i++) {
+        const struct shade_packet *p = &x.gbuffer->packets[i];
+        for (uint32_t l = 0; l < p->count && p->kind == LOBE_GGX; l++)
+            if (p->ng_y[l] < -0.9f) {
+                got += (double)x.lo[((size_t)i * 3 + 1) * PACKET + l];
+                want += radiance * albedo_of(p, l);
+                count += 1.0;
+            }
+    }
+    printf("%.0f points: %.4f, want %.4f\n", count, got / count, want / count);
+    assert_true(count > 50.0 && t->narrow.count == 0 && fabs(got / want - 1.0) < 0.04);
+    bounce_destroy(b);
+    transport_destroy(t);
+    environment_destroy(e);
+    lit_destroy(&x);
+}
+
+/* A closed box is dark, where the weights of errors have no light to be relative to. */
+static void a_closed_box_is_dark(void **state)
+{
+    struct scene *s = scene_from(vec3_make(0, 0.2f, 0.9f), vec3_make(0, -0.5f, 0), 1.2f);
+    (void)state;
+
+    add_box(s, lambert(0.5f), vec3_make(-1, -1, -1), vec3_make(1, 1, 1));
+    struct lit x = lit_create(s, 12, 9);
+    struct environment *e = sky_environment(sky_constant(16, 8, 1.0f), 16, 0.0);
+    struct transport *t = direct_of(&x);
+    struct bounce_desc desc = desc_of(&x, t, 7);
+    struct bounce *b;
+    struct reason why;
+    desc.gather = 4;
+    assert_int_equal(bounce_create(&desc, best_kernels(), &b, &why), ERR_OK);
+    assert_true(bounce_stats(b)->records > 0);
+    shade_bounce(b, &x, e);
+    for (size_t i = 0; i < x.size; i++)
+        assert_true(x.lo[i] == 0.0f);
+    for (uint32_t k = 0; k < b->group_count; k++)
+        assert_int_equal(b->groups[k].pieces[0].rank, 0);
+    bounce_destroy(b);
+    transport_destroy(t);
+    environment_destroy(e);
+    lit_destroy(&x);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(the_series_ends_when_little_is_left),
+    cmocka_unit_test(a_metal_plate_reflects_the_sphere_around),
+    cmocka_unit_test(a_closed_box_is_dark),
+};
+UNIT_MAIN(tests)
