@@ -50,11 +50,8 @@ static void bench_finish(struct bench *b)
     transport_workspace_destroy(b->workspace);
 }
 
-/* The weight of an error in row r at a point: the row's colour, relative to the point's light under an even sky, or to
- * FLOOR of the block's mean for darker points. At least a thousandth of the largest, so that no half float overflows.
- */
-static void fill_scales(const struct build *b, const struct transport_block *block,
-                        const struct transport_matrix *matrices, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS])
+void transport_scales(const struct gbuffer *g, const struct transport_block *block,
+                      const struct transport_matrix *matrices, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS])
 {
     const uint32_t points = block->packets * PACKET;
     float whole[TRANSPORT_POINTS] = { 0.0f }, mean = 0.0f, most = 0.0f;
@@ -65,7 +62,7 @@ static void fill_scales(const struct build *b, const struct transport_block *blo
             for (uint32_t p = 0; p < TRANSPORT_POINTS; p++)
                 sum[p] += matrices[r].at[c][p];
         for (uint32_t p = 0; p < points; p++) {
-            scale[r][p] = transport_mean_colour(&b->t->gbuffer->packets[block->first + p / PACKET], r, p % PACKET);
+            scale[r][p] = transport_mean_colour(&g->packets[block->first + p / PACKET], r, p % PACKET);
             whole[p] += scale[r][p] * sum[p];
             mean += scale[r][p] * sum[p] / (float)points;
         }
@@ -89,7 +86,7 @@ static void share_tolerance(const struct build *b, const struct transport_block 
     const double tolerance = (double)(block->rows > 1 ? b->desc.tolerance_glossy : b->desc.tolerance);
     double whole = 0.0;
 
-    fill_scales(b, block, matrices, scale);
+    transport_scales(b->t->gbuffer, block, matrices, scale);
     for (uint32_t r = 0; r < block->rows; r++)
         whole += transport_weigh(&matrices[r], block->packets * PACKET, scale[r]);
     for (uint32_t r = 0; r < block->rows; r++)

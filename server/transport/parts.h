@@ -346,6 +346,12 @@ struct transport_workspace;
 struct transport_workspace *transport_workspace_create(void);
 void transport_workspace_destroy(struct transport_workspace *w); /* NULL is allowed */
 
+/* scale[row][point]: the weight of an error at a point, the row's colour, relative to the point's light under an even
+ * sky, or to 0.03 of the block's mean for darker points. 1 at most, and at least a thousandth of it, so that no half
+ * float overflows; all 1 in the dark. matrices: one per row. */
+void transport_scales(const struct gbuffer *g, const struct transport_block *block,
+                      const struct transport_matrix *matrices, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS]);
+
 /* Compresses the matrix, whose contents are destroyed, to *out. points: 16 per packet. scale[points]: weight of a
  * point's error, above 0. allowed: the error, in units of transport_weigh; below 0: no compression. ERR_NOMEM. */
 MUST_CHECK enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points,
