@@ -1,58 +1,70 @@
-"""mutate.py [ROOM...] [--seed N] [--count N] [--seconds N] [--least PERCENT] [--planted] [--list]
+"""mutate.py [ROOM...] [--seed N] [--count N] [--seconds N] [--least PERCENT] [--workers N] [--resume] [--for SECONDS] [--planted] [--list]
 
 Makes COUNT small faults (mutants.py) in the C sources of each room, one at a time, and runs the unit tests of that room which
 link what was changed, the cheapest first, until one fails. Prints the faults that none noticed, with file, line and
-difference, and a table of all rooms. A fault that does not compile does not count; nor does one that equivalent.txt explains.
-Builds these tests alone, in build/mutate, a copy of the tree, which is kept for the next run.
+difference, and a table of all rooms. A fault that does not compile does not count; one that leaves the object code as it is
+changes nothing, and so does one that equivalent.txt explains. Builds these tests alone, in build/mutate, a copy of the tree,
+which is kept for the next run. Appends what it finds to build/mutate/results.txt.
 
 ROOM        a folder of server/, or `protocol` or `decoders`; without: all of the table below
 --seed N    which faults are drawn (1); the same seed draws the same faults of lines that have not changed
---count N   how many a room (20)
+--count N   how many a room (28)
 --seconds N of tests for each fault, by their usual times (20, more in rooms whose tests take long)
 --least P   exit 1 where fewer than P percent of a room's faults are noticed (without: the targets in the table below)
+--workers N faults at a time (as many as processors)
+--resume    takes from build/mutate/results.txt what is known of faults in files that have not changed: of those noticed, while
+            the test's function has not changed either; of survivors, while no test of the room has
+--for N     begins no fault after so many seconds; exit 3 if any is left, for --resume
 --planted   instead: the faults of planted.txt, each of which the unit tests of its own room must notice
 --list      prints the faults that would be made
-Exit: 0 all rooms meet their target, 1 one does not, 2 bad arguments or a tree that does not build."""
+Exit: 0 all rooms meet their target, 1 one does not, 2 bad arguments or a tree that does not build, 3 not finished."""
 
 import argparse
+import collections
+import concurrent.futures
+import datetime
 import hashlib
 import json
 import os
 import re
 import shutil
-import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import mutants
+from programs import Claim, Programs, run
 
 ROOT = Path(__file__).resolve().parents[2]
-TREE = ROOT / "build/mutate/tree"
+WORK = ROOT / "build/mutate"
+RESULTS = WORK / "results.txt"
+TREE = WORK / "tree"
 BUILD = TREE / "build"  # as in any clone, so that ccache knows the objects
-TARGETS = {"env": 95, "brdf": 95, "film": 95, "estimators": 95, "protocol": 95, "decoders": 90, "transport": 90, "bounce": 90,
+TARGETS = {"env": 95, "brdf": 95, "film": 95, "estimators": 95, "protocol": 95, "decoders": 90, "transport": 95, "bounce": 95,
            "light": 95, "net": 90, "stream": 90}
 SOURCES = {"protocol": ["protocol/*.c", "server/message/message_*.c", "server/stream/assembly.c", "server/stream/texels.c"],
-           "decoders": ["server/codec/**/*.[ch]", "server/decoder/*.[ch]"]}
-TESTS = {"protocol": ["message", "stream"], "decoders": ["codec", "decoder"]}
-SECONDS = {"estimators": 90.0, "transport": 60.0, "light": 60.0, "bounce": 60.0}  # of tests for each fault, where they take long; else 20
-AT_LEAST = 20.0  # seconds that a test may take before it counts as one that never ends; more where it usually takes more
-
-
-def run(command, **options):
-    return subprocess.run([str(c) for c in command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False, **options)
+           "decoders": ["server/codec/**/*.[ch]", "server/decoder/*.[ch]"],
+           "light": ["server/light/*.[ch]", "server/resolve/*.[ch]"]}
+TESTS = {"protocol": ["message", "stream"], "decoders": ["codec", "decoder"], "light": ["light", "resolve"]}
+SECONDS = {"estimators": 30.0, "transport": 30.0, "light": 30.0, "bounce": 30.0}  # of tests for each fault, where they take long; else 20
 
 
 def copy_tree():
-    """Copies what git knows, and what it would, where it differs, so that ninja builds only that again."""
+    """Copies what git knows, and what it would, where it differs, so that ninja builds only that again. -> whether any did"""
+    differ = False
     names = run(["git", "-C", ROOT, "ls-files", "-co", "--exclude-standard"]).stdout.split("\n")
     for name in filter(None, names):
         source, to = ROOT / name, TREE / name
         if source.is_file() and not (to.exists() and to.read_bytes() == source.read_bytes()):
             to.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(source, to)
+            differ = True
     for stale in (TREE / "server").rglob("*.[ch]"):
         if not (ROOT / stale.relative_to(TREE)).exists():
             stale.unlink()
+            differ = True
+    return differ
 
 
 def configure():
@@ -67,29 +79,6 @@ def must(done):
         sys.exit(2)
 
 
-class Claim:
-    """One ctest of a unit test's program."""
-
-    def __init__(self, test):
-        properties = {p["name"]: p["value"] for p in test["properties"]}
-        self.name, self.command = test["name"], test["command"]
-        self.program = "bin/" + Path(self.command[0]).name
-        self.room = self.name.split(".")[0]
-        self.cost, self.folder = float(properties.get("COST", 0.1)), properties["WORKING_DIRECTORY"]
-        self.environment = dict(v.split("=", 1) for v in properties.get("ENVIRONMENT", []) if "=" in v)
-        self.usable = None  # whether it passes without a fault; None: not known yet
-        self.noticed = {}  # of which files it has noticed how many faults
-
-    def passes(self):
-        try:
-            done = subprocess.run(self.command, cwd=self.folder, env={**os.environ, **self.environment}, check=False,
-                                  stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
-                                  timeout=max(AT_LEAST, 10.0 * self.cost)).returncode
-        except subprocess.TimeoutExpired:
-            done = -1
-        return done in (0, 77)
-
-
 def program_of(test):
     """room.test_file.claim -> the program's path."""
     room, file, _ = test["name"].split(".", 2)
@@ -97,80 +86,84 @@ def program_of(test):
 
 
 def claims_of(rooms):
-    """The unit tests of these rooms, whose programs are built: ctest knows the commands of those that are there."""
+    """room -> the unit tests of each of these rooms, whose programs are built: ctest knows the commands of those that are there."""
     def listed():
         tests = json.loads(run(["ctest", "--test-dir", BUILD, "--show-only=json-v1"]).stdout)["tests"]
-        return [t for t in tests if t["name"].split(".")[0] in rooms and t["name"].count(".") == 2 and ".test_" in t["name"]]
+        return [t for t in tests if t["name"].split(".")[0] in every and t["name"].count(".") == 2 and ".test_" in t["name"]]
+    every = {name for room in rooms for name in TESTS.get(room, [room])}
     must(build(*sorted({program_of(t) for t in listed()})))
-    return [Claim(t) for t in listed()]
+    claims = [Claim(t) for t in listed()]
+    return {room: [c for c in claims if c.room in TESTS.get(room, [room])] for room in rooms}
 
 
 def build(*targets):
     return run(["ninja", "-C", BUILD, *targets])
 
 
-def inputs_of(claims):
-    """Which files each program is made of."""
-    return {p: {Path(line).resolve() if line.startswith("/") else line for line in run(["ninja", "-C", BUILD, "-t", "inputs", p]).stdout.split("\n")}
-            for p in sorted({c.program for c in claims})}
-
-
 class Suite:
     """The unit tests of a room."""
 
-    def __init__(self, room):
-        self.claims = claims_of(TESTS.get(room, [room]))
-        self.inputs = inputs_of(self.claims)
+    def __init__(self, room, programs, claims):
+        self.room, self.programs, self.claims = room, programs, claims
+        self.sound, self.plain, self.lock = {}, {}, threading.Lock()
+        programs.add(*sorted({c.program for c in self.claims}))
 
     def order(self, path, seconds):
-        """The claims that could notice a fault in `path`, within the seconds; first those that have noticed one in it."""
-        source = (TREE / path).resolve()
-        linked = [c for c in self.claims if c.usable is not False and (path.suffix == ".h" or source in self.inputs[c.program])]
+        """The claims that could notice a fault in `path`, within the seconds: those that have noticed one in it, then those of
+        its own name, then the cheapest."""
+        linked = [c for c in self.claims if self.programs.holds(c.program, path)]
         total = {}
         for c in linked:
             total[c.program] = total.get(c.program, 0.0) + c.cost
         out = []
-        other = {c.program: f"_test_{path.stem}" not in c.program for c in linked}  # than of the file's own name
-        for c in sorted(linked, key=lambda c: (c.cost > 1.0, other[c.program], total[c.program], c.program, c.cost, c.name)):
+        for c in sorted(linked, key=lambda c: (not self.is_named(c, path), c.cost > 1.0, total[c.program], c.program, c.cost, c.name)):
             if c.cost <= seconds:
                 out.append(c)
                 seconds -= c.cost
         return sorted(out, key=lambda c: -c.noticed.get(path, 0) / max(c.cost, 0.1))
 
+    @staticmethod
+    def is_named(claim, path):
+        """Whether the test, test_pilot, is that of pilot.c or pilot_choose.c."""
+        name = claim.file.removeprefix("test_")
+        return path.stem == name or path.stem.startswith(name + "_") or name.startswith(path.stem + "_")
+
     def usable(self, claim):
         """Whether it passes on the sources as they are."""
-        if claim.usable is None:
-            made = build(claim.program)
-            if made.returncode:
-                print(f"{made.stdout}\n{claim.program} does not build without a fault")
-                sys.exit(2)
-            claim.usable = claim.passes()
-            if not claim.usable:
-                print(f"not used, since it fails without a fault: {claim.name}")
-        return claim.usable
+        with self.lock:
+            if claim.name not in self.sound:
+                self.sound[claim.name] = claim.passes(BUILD)
+                if not self.sound[claim.name]:
+                    print(f"not used, since it fails without a fault: {claim.name}", flush=True)
+            return self.sound[claim.name]
 
-    def noticed(self, path, mutant, claims):
-        """The first claim that fails with the fault and passes without it, "" if there is none, None if it does not compile."""
-        source, at = (TREE / path).read_text(encoding="utf-8"), 0
-        while at < len(claims):
-            failed, first, rest = None, claims[at].program, False
-            (TREE / path).write_text(mutants.applied(source, mutant), encoding="utf-8")
-            try:
-                if build(first).returncode:
-                    return None
-                while at < len(claims) and failed is None:
-                    c, at = claims[at], at + 1
-                    if c.program != first and not rest:  # all at once, once the first has not noticed it
-                        if build(*sorted({k.program for k in claims[at - 1:]})).returncode:
-                            return None
-                        rest = True
-                    failed = None if c.usable is False or c.passes() else c
-            finally:
-                (TREE / path).write_text(source, encoding="utf-8")
-            if failed and self.usable(failed):
-                failed.noticed[path] = failed.noticed.get(path, 0) + 1
-                return failed.name
-        return ""
+    def code_without(self, path, folder, needed):
+        """What Fault.code() is without a fault."""
+        with self.lock:
+            if path not in self.plain:
+                same = self.programs.fault(path, (TREE / path).read_text(encoding="utf-8"), folder, needed)
+                self.plain[path] = same.code() if same else ""
+            return self.plain[path]
+
+    def judge(self, path, mutant, claims, folder):
+        """"invalid", "same" if the code does not change, the first claim that fails with the fault only, or "survived"."""
+        needed = {c.program for c in self.claims if self.programs.holds(c.program, path)}
+        if not needed:
+            return "survived"
+        without = self.code_without(path, folder, needed)
+        fault = self.programs.fault(path, mutants.applied((TREE / path).read_text(encoding="utf-8"), mutant), folder, needed)
+        if not fault:
+            return "invalid"
+        if fault.code() == without:
+            return "same"
+        linked = {}
+        for c in claims:
+            if c.program not in linked:
+                linked[c.program] = fault.link(c.program)
+            # Others compute beside this, for whom a test may have to wait too long once.
+            if linked[c.program] and not c.passes(folder) and self.usable(c) and not c.passes(folder):
+                return c.name
+        return "survived"
 
 
 def sources_of(room):
@@ -192,7 +185,8 @@ def lacking():
 
 
 def draw(room, seed, count):
-    """Faults of a room, in a random order: by a hash of each, so that a change elsewhere neither adds nor removes others."""
+    """Faults of a room, in a random order: by a hash of each, so that a change elsewhere neither adds nor removes others.
+    With each, a key that is the same for all seeds."""
     every, lacks = [], lacking()
     for path in sources_of(room):
         source, seen = (TREE / path).read_text(encoding="utf-8"), {}
@@ -200,53 +194,135 @@ def draw(room, seed, count):
             _, before, after = mutants.line_of(source, m)
             seen[before, after] = seen.get((before, after), 0) + 1  # a file may have the same line twice
             name = f"{seed} {path} {before} {after} {seen[before, after]}"
-            every.append((hashlib.sha1(name.encode()).digest(), path, m))
-    every = [(path, m) for _, path, m in sorted(every)]
+            every.append((hashlib.sha1(name.encode()).digest(), path, m, hashlib.sha1(name.split(" ", 1)[1].encode()).hexdigest()))
+    every = [(path, m, key) for _, path, m, key in sorted(every)]
     return every if count == 0 else every[:8 * count]  # some do not compile
 
 
-def run_room(suite, room, a):
-    """Prints the room's survivors. -> (killed, survived, explained, did not compile)"""
-    known, tally = explained(), {"killed": 0, "survived": 0, "explained": 0, "invalid": 0}
-    for path, mutant in draw(room, a.seed, a.count):
-        if tally["killed"] + tally["survived"] + tally["explained"] >= a.count:
-            break
-        number, before, after = mutants.line_of((TREE / path).read_text(encoding="utf-8"), mutant)
-        if a.list:
-            print(f"{path}:{number}: {mutant.what}\n    - {before}\n    + {after}")
-            tally["explained"] += 1
-            continue
+def text_of(claim):
+    """The test's function."""
+    text = (TREE / f"tests/unit/{claim.room}/{claim.file}.c").read_text(encoding="utf-8")
+    return re.search(rf"^static void {claim.name.split('.')[2]}\(.*?^}}", text, re.M | re.S)[0]
+
+
+class Memory:
+    """What build/mutate/results.txt says, one JSON object a line."""
+
+    def __init__(self, suite, resume, commit):
+        self.suite, self.commit, self.known = suite, commit, {}
+        self.tests = {c.name: hashlib.sha1(text_of(c).encode()).hexdigest() for c in suite.claims}
+        self.every = self.hash_of(sorted({p for c in suite.claims for p in (TREE / f"tests/unit/{c.room}").iterdir()}))
+        lines = RESULTS.read_text(encoding="utf-8").split("\n") if resume and RESULTS.exists() else []
+        by_name = {c.name: c for c in suite.claims}
+        for r in map(json.loads, filter(None, lines)):
+            if r["room"] == suite.room and r["source"] == self.hash_of([TREE / r["path"]]):
+                claim = by_name.get(r["by"])
+                if claim:
+                    claim.noticed[Path(r["path"])] = claim.noticed.get(Path(r["path"]), 0) + 1
+                if r["by"] == "invalid" or r["by"] == "same" or r["tests"] == (self.tests[claim.name] if claim else self.every):
+                    self.known[r["path"], r["key"]] = r["by"]
+
+    @staticmethod
+    def hash_of(paths):
+        return hashlib.sha1(b"".join(p.read_bytes() for p in paths if p.is_file())).hexdigest()
+
+    def write(self, path, key, text, by):
+        claim = next((c for c in self.suite.claims if c.name == by), None)
+        if claim:
+            claim.noticed[path] = claim.noticed.get(path, 0) + 1
+        r = {"room": self.suite.room, "path": str(path), "key": key, "by": by, "source": self.hash_of([TREE / path]),
+             "tests": self.tests[claim.name] if claim else self.every, "commit": self.commit,
+             "date": datetime.date.today().isoformat(), "fault": text}
+        with RESULTS.open("a", encoding="utf-8") as f:
+            f.write(json.dumps(r) + "\n")
+
+
+def clear_workers():
+    """Removes what killed runs have left."""
+    for folder in WORK.glob("worker*"):
+        if not Path("/proc", folder.name.removeprefix("worker").split(".")[0]).exists():
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def judged(suite, a, until, known, memory):
+    """Yields (path, its source, mutant, verdict) in the order drawn, `workers` at a time; None where time is up."""
+    folders = [WORK / f"worker{os.getpid()}.{i}" for i in range(a.workers)]
+
+    def one(path, source, mutant, key):
+        _, before, after = mutants.line_of(source, mutant)
         if (str(path), before, after) in known:
-            tally["explained"] += 1
-            continue
-        by = suite.noticed(path, mutant, suite.order(path, a.seconds or SECONDS.get(room, 20.0)))
-        tally["invalid" if by is None else "killed" if by else "survived"] += 1
-        if by == "":
+            return "explained"
+        if (str(path), key) in memory.known:
+            return memory.known[str(path), key]
+        if time.monotonic() > until:
+            return None
+        folder = folders.pop()
+        by = suite.judge(path, mutant, suite.order(path, a.seconds or SECONDS.get(suite.room, 20.0)), folder)
+        folders.append(folder)
+        memory.write(path, key, f"{before}\n{after}", by)
+        return by
+
+    with concurrent.futures.ThreadPoolExecutor(a.workers) as pool:
+        waiting, rest = collections.deque(), iter(draw(suite.room, a.seed, a.count))
+        try:
+            while True:
+                while len(waiting) < 2 * a.workers and (nxt := next(rest, None)):
+                    source = (TREE / nxt[0]).read_text(encoding="utf-8")
+                    waiting.append((nxt[0], source, nxt[1], pool.submit(one, nxt[0], source, nxt[1], nxt[2])))
+                if not waiting:
+                    return
+                path, source, mutant, future = waiting.popleft()
+                yield path, source, mutant, future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+            for folder in folders:
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+def run_room(suite, a, until, memory):
+    """Prints the room's survivors. -> how many of each kind"""
+    tally = {"killed": 0, "survived": 0, "explained": 0, "same": 0, "invalid": 0, "left": 0}
+    for path, source, mutant, by in judged(suite, a, until, explained(), memory):
+        kind = "left" if by is None else by if by in tally else "killed"
+        tally[kind] += 1
+        number, before, after = mutants.line_of(source, mutant)
+        if kind == "survived":
             print(f"{path}:{number}: {mutant.what} was not noticed\n    - {before}\n    + {after}", flush=True)
-        elif a.verbose and by:
-            print(f"{path}:{number}: {mutant.what}, by {by}", flush=True)
+        elif a.verbose and kind != "invalid":
+            print(f"{path}:{number}: {mutant.what}, {by}", flush=True)
+        if kind == "left" or sum(tally[k] for k in ("killed", "survived", "explained", "same")) >= a.count > 0:
+            break
     return tally
+
+
+def list_faults(rooms, a):
+    for room in rooms:
+        for path, mutant, _ in draw(room, a.seed, a.count)[:a.count or None]:
+            number, before, after = mutants.line_of((TREE / path).read_text(encoding="utf-8"), mutant)
+            print(f"{path}:{number}: {mutant.what}\n    - {before}\n    + {after}")
 
 
 def planted():
     """Faults by name: `name`, `path`, `- part of the source`, `+ what is in its place`; -> how many were not noticed."""
     lines = (Path(__file__).with_name("planted.txt")).read_text(encoding="utf-8").split("\n")
-    missed, suites = 0, {}
-    for i, line in enumerate(lines[:-3]):
-        if not lines[i + 1].startswith(("server/", "protocol/")):
-            continue
-        path, old, new = Path(lines[i + 1]), lines[i + 2][2:], lines[i + 3][2:]
-        source = (TREE / path).read_text(encoding="utf-8")
+    faults = [(line, Path(lines[i + 1]), lines[i + 2][2:], lines[i + 3][2:]) for i, line in enumerate(lines[:-3])
+              if lines[i + 1].startswith(("server/", "protocol/"))]
+    claims = claims_of(sorted({path.parts[1] for _, path, _, _ in faults}))
+    programs, folder, missed = Programs(TREE, BUILD), WORK / f"worker{os.getpid()}", 0
+    suites = {room: Suite(room, programs, claims[room]) for room in claims}
+    for line, path, old, new in faults:
+        source, suite = (TREE / path).read_text(encoding="utf-8"), suites[path.parts[1]]
         if source.count(old) != 1:
             print(f"{line}: {path} has {source.count(old)} times: {old}")
             missed += 1
             continue
-        at, room = source.index(old), path.parts[1]
-        suite = suites[room] = suites.get(room) or Suite(room)
-        claims = [c for c in suite.order(path, 1e9) if c.cost < 5.0]
-        by = suite.noticed(path, mutants.Mutant(at, at + len(old), new, line), claims)
-        print(f"{line}: {'does not compile' if by is None else 'noticed by ' + by if by else 'NOT NOTICED'}", flush=True)
-        missed += not by
+        at = source.index(old)
+        quick = [c for c in suite.order(path, 1e9) if c.cost < 5.0]
+        by = suite.judge(path, mutants.Mutant(at, at + len(old), new, line), quick, folder)
+        found = by not in ("invalid", "same", "survived")
+        print(f"{line}: {'noticed by ' if found else 'NOT NOTICED: '}{by}", flush=True)
+        missed += not found
+    shutil.rmtree(folder, ignore_errors=True)
     return missed
 
 
@@ -254,10 +330,12 @@ def arguments():
     p = argparse.ArgumentParser(usage=__doc__, add_help=True)
     p.add_argument("rooms", nargs="*")
     p.add_argument("--seed", type=int, default=1)
-    p.add_argument("--count", type=int, default=20)
+    p.add_argument("--count", type=int, default=28)
     p.add_argument("--seconds", type=float)
     p.add_argument("--least", type=float)
-    for flag in ("--planted", "--list", "--verbose"):
+    p.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
+    p.add_argument("--for", type=float, dest="most", default=1e9)
+    for flag in ("--planted", "--list", "--verbose", "--resume"):
         p.add_argument(flag, action="store_true")
     a = p.parse_args()
     a.rooms = a.rooms or list(TARGETS)
@@ -267,25 +345,38 @@ def arguments():
     return a
 
 
+def processor():
+    return re.search(r"^model name\s*:\s*(.*)", Path("/proc/cpuinfo").read_text(encoding="ascii"), re.M)[1]
+
+
 def main():
     a = arguments()
-    copy_tree()
-    if not a.list:
+    until = time.monotonic() + a.most
+    clear_workers()
+    differ = copy_tree()
+    if a.list:
+        sys.exit(list_faults(a.rooms, a))
+    if differ or not (BUILD / "CTestTestfile.cmake").exists():  # the tests of a changed file are other ones
         configure()
     if a.planted:
         sys.exit(1 if planted() else 0)
-    rows, low = [], False
+    commit = run(["git", "-C", ROOT, "rev-parse", "--short", "HEAD"]).stdout.strip()
+    rows, low, left = [], False, False
+    claims = claims_of(a.rooms)
+    programs = Programs(TREE, BUILD)
     for room in a.rooms:
-        t = run_room(None if a.list else Suite(room), room, a)
+        suite = Suite(room, programs, claims[room])
+        t = run_room(suite, a, until, Memory(suite, a.resume, commit))
         made = t["killed"] + t["survived"]
         rate = 100.0 * t["killed"] / made if made else 100.0
-        low = low or rate < (TARGETS.get(room, 90) if a.least is None else a.least)
-        rows.append(f"| `{room}` | {made + t['explained']} | {t['killed']} | {t['explained']} | {t['survived']} | {rate:.0f} % |")
+        low, left = low or rate < (TARGETS.get(room, 90) if a.least is None else a.least), left or t["left"] > 0
+        rows.append(f"| `{room}` | {commit} | {made + t['explained'] + t['same']} | {t['killed']} | {t['explained'] + t['same']} |"
+                    f" {t['survived']} | {rate:.0f} % |{' not finished' if t['left'] else ''}")
         if a.verbose:
             print(rows[-1], flush=True)
-    if not a.list:
-        print("| room | faults | noticed | change nothing | not noticed | rate |\n|---|---|---|---|---|---|", *rows, sep="\n")
-    sys.exit(1 if low and not a.list else 0)
+    print(f"{datetime.date.today()}, {processor()}, {len(os.sched_getaffinity(0))} processors, seed {a.seed}",
+          "| room | commit | faults | noticed | change nothing | not noticed | rate |\n|---|---|---|---|---|---|---|", *rows, sep="\n")
+    sys.exit(3 if left else 1 if low else 0)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,15 @@
-"""test_mutants.py CLAIM: mutants.py on a few lines whose mutants are known."""
+"""test_mutants.py CLAIM: mutants.py on a few lines whose mutants are known, programs.py on a program of two files, and what
+mutate.py remembers."""
 
+import json
+import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import mutants
+import mutate
+from programs import Programs
 
 SOURCE = """
 #define SIZE (3 + 4)
@@ -58,6 +65,99 @@ def code_for_other_processors_is_left_alone():
     every, here = ({line for _, line, _, _ in ((m.what, *mutants.line_of(source, m)) for m in mutants.mutants_of(source, lacks))}
                    for lacks in ((), ("__AVX512F__",)))
     assert every == {3, 5, 7} and here == {5, 7}, (every, here)
+
+
+NINJA = """
+rule cc
+  command = cc -O2 -I{0}/server -o $out -MD -MF $out.d -c $in
+  depfile = $out.d
+  deps = gcc
+rule ar
+  command = ar qc $out $in
+rule link
+  command = : && cc $in -o $out libroom.a && :
+build test.o: cc {0}/test.c
+build room.o: cc ../server/room/room.c
+build other.o: cc {0}/server/room/other.c
+build libroom.a: ar room.o other.o
+build bin/test: link test.o | libroom.a
+"""
+SOURCES = {"test.c": '#include "room/room.h"\nint main(void) { return twice(2) != FOUR || other(); }\n',
+           "server/room/room.h": "#define FOUR 4\nint twice(int x);\nint other(void);\n",
+           "server/room/room.c": '#include "room/room.h"\nint twice(int x) { return x + x; }\n',
+           "server/room/other.c": "int other(void) { return 0; }\n"}
+
+
+class Small:
+    """A program of two rooms' files and a test, built."""
+
+    def __init__(self, folder):
+        self.tree, self.build = Path(folder), Path(folder) / "build"
+        for name, text in {**SOURCES, "build/build.ninja": NINJA.format(folder)}.items():
+            (self.tree / name).parent.mkdir(parents=True, exist_ok=True)
+            (self.tree / name).write_text(text, encoding="utf-8")
+        commands = [{"directory": str(self.build), "file": str(self.tree / source), "command": f"cc -O2 -I{folder}/server -o {o} -c {self.tree / source}"}
+                    for o, source in (("test.o", "test.c"), ("room.o", "server/room/room.c"), ("other.o", "server/room/other.c"))]
+        (self.build / "compile_commands.json").write_text(json.dumps(commands), encoding="utf-8")
+        subprocess.run(["ninja", "-C", self.build, "-v"], check=True, stdout=subprocess.DEVNULL)
+        self.programs = Programs(self.tree, self.build)
+        self.programs.add("bin/test")
+
+    def with_fault(self, name, before, after):
+        """-> what it is made of, or None"""
+        assert before in SOURCES[name]
+        return self.programs.fault(Path(name), SOURCES[name].replace(before, after), self.tree / "worker", {"bin/test"})
+
+
+def a_fault_is_in_a_program_of_its_own():
+    with tempfile.TemporaryDirectory() as folder:
+        small = Small(folder)
+        for name, before, after, want in (("server/room/room.c", "x + x", "x - x", 1), ("server/room/room.c", "x + x", "2 * x", 0),
+                                          ("server/room/room.h", "4", "5", 1), ("server/room/other.c", "return 0", "return 3", 1)):
+            assert small.programs.holds("bin/test", Path(name))
+            fault = small.with_fault(name, before, after)
+            assert fault.link("bin/test") and subprocess.run([fault.folder / "bin/test"], check=False).returncode == want, (name, after)
+            assert subprocess.run([small.build / "bin/test"], check=False).returncode == 0
+        assert small.with_fault("server/room/room.c", "x + x", "x + y") is None
+
+
+def code_that_stays_the_same_is_seen():
+    with tempfile.TemporaryDirectory() as folder:
+        small = Small(folder)
+        codes = [small.with_fault("server/room/room.c", "x + x", now).code() for now in ("x + x", "x + x + 0", "x - x")]
+        assert codes[0] == codes[1] != codes[2], codes
+
+
+class Tests:
+    """Stands in for a room's unit tests."""
+
+    def __init__(self, name):
+        self.room, self.claims = "room", [self]
+        self.name, self.file, self.noticed = f"room.test_a.{name}", "test_a", {}
+
+
+def what_was_found_holds_until_the_source_or_the_test_changes():
+    with tempfile.TemporaryDirectory() as folder:
+        mutate.TREE, mutate.RESULTS = Path(folder), Path(folder) / "results.txt"
+        source, test = Path(folder) / "server/a.c", Path(folder) / "tests/unit/room/test_a.c"
+        for path, text in ((source, "one"), (test, "static void fails(void **state)\n{\n}\n")):
+            path.parent.mkdir(parents=True)
+            path.write_text(text, encoding="utf-8")
+        path = Path("server/a.c")
+        m = mutate.Memory(Tests("fails"), False, "1234567")
+        for key, by in (("k", "room.test_a.fails"), ("s", "survived"), ("i", "invalid")):
+            m.write(path, key, "", by)
+
+        def known():
+            return {key for _, key in mutate.Memory(Tests("fails"), True, "1234567").known}
+
+        assert known() == {"k", "s", "i"} and not mutate.Memory(Tests("fails"), False, "1234567").known
+        test.write_text(test.read_text(encoding="utf-8") + "static void more(void **state)\n{\n}\n", encoding="utf-8")
+        assert known() == {"k", "i"}, "a new test may notice what survived"
+        test.write_text("static void fails(void **state)\n{\n    return;\n}\n", encoding="utf-8")
+        assert known() == {"i"}, "the test that noticed it is another"
+        source.write_text("two", encoding="utf-8")
+        assert not known()
 
 
 if __name__ == "__main__":
