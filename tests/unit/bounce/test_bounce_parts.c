@@ -392,6 +392,38 @@ static void a_cells_directions_are_taken_equally_often(void **state)
             assert_near(taken[k][i], TURNS / 4.0, 6.0 * sqrt(TURNS * 3.0 / 16.0));
 }
 
+/* ---- Statistics ---- */
+
+/* Blocks of 64 and 32 points, of ranks 2 and 1 within a group's 3, by a basis of 16: 3 x 3 x 16 bytes of V, and for
+ * each of a block's ranks a gain, 16 bytes of W and one of U for each point. Behind the last group stands one that is
+ * none. */
+static void what_is_stored_is_counted(void **state)
+{
+    const struct gbuffer g = { .packet_count = 8 };
+    struct bounce *b = mem_alloc(1, sizeof(*b));
+    (void)state;
+
+    *b = (struct bounce){ .gbuffer = &g, .kernels = kernels_all()[0], .block_count = 2, .group_count = 1 };
+    b->basis.count = 16;
+    b->blocks = mem_alloc(2, sizeof(*b->blocks));
+    b->blocks[0] = (struct bounce_block){ .first = 0, .packets = 4, .rows = 1, .rank = { 2 } };
+    b->blocks[1] = (struct bounce_block){ .first = 4, .packets = 2, .rows = 1, .rank = { 1 } };
+    b->groups = mem_alloc(2, sizeof(*b->groups));
+    for (int k = 0; k < 2; k++)
+        b->groups[k] = (struct bounce_group){ .count = 2, .rows = 1, .pieces = { { NULL, 3, 16 } } };
+    const size_t piece = 3 * 3 * 16 + 2 * (4 + 16 + 64) + 1 * (4 + 16 + 32);
+    assert_int_equal(bounce_piece_bytes(&b->groups[0], b->blocks, 0), piece);
+    b->groups[0].pieces[0].bytes = mem_alloc(piece, 1);
+    assert_int_equal(bounce_close(b), ERR_OK);
+    assert_int_equal(b->stats.basis, 16);
+    assert_int_equal(b->stats.pieces, 2);
+    assert_near(b->stats.rank, 1.5, 0.0);
+    assert_near(b->stats.shared, 3.0, 0.0);
+    assert_int_equal(b->stats.bytes, 16 * SKY_CELLS * 4 + piece + 3 * 16 * 4 + 8 * sizeof(struct bounce_place) +
+                                         2 * TRANSPORT_ROWS * sizeof(struct bounce_row));
+    bounce_destroy(b);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_weighted_row_is_added_by_colours),
     cmocka_unit_test(coefficients_are_the_products_of_rows_and_sky),
@@ -403,5 +435,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_basis_is_that_of_the_rows),
     cmocka_unit_test(the_basis_says_what_it_leaves_out),
     cmocka_unit_test(a_cells_directions_are_taken_equally_often),
+    cmocka_unit_test(what_is_stored_is_counted),
 };
 UNIT_MAIN(tests)
