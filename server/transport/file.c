@@ -92,8 +92,7 @@ static bool all_finite(const uint16_t *halves, size_t count)
     return bad == 0;
 }
 
-/* V's bytes may have any value; halves and gains must be finite. */
-static bool has_sound_numbers(const struct transport_piece *q, size_t bytes)
+bool transport_is_sound(const struct transport_piece *q, size_t bytes)
 {
     const uint32_t gains = transport_gains(&q->shape);
     const size_t before = q->shape.form == TRANSPORT_BYTES ? transport_head(&q->shape) : 0;
@@ -120,7 +119,7 @@ static enum err read_piece(struct cache_reader *r, uint32_t points, struct trans
     if (!q->bytes)
         return no_memory(why);
     e = cache_reader_get(r, q->bytes, bytes, why);
-    return e || has_sound_numbers(q, bytes) ? e : cache_reader_refuse(r, why);
+    return e || transport_is_sound(q, bytes) ? e : cache_reader_refuse(r, why);
 }
 
 /* Directions may have any length except zero; light must be finite and not negative. */

@@ -369,6 +369,10 @@ uint32_t transport_bright_add(const struct transport *t, const struct transport_
 uint64_t transport_piece_bytes(const struct transport_piece *q, uint32_t points);
 uint64_t transport_gaze_bytes(const struct transport_block *b);
 uint64_t transport_block_bytes(const struct transport_block *b);
+
+/* Whether numbers of so many bytes, transport_piece_bytes, can be used: V's bytes may have any value, halves must be
+ * finite, and gains 0 or more and below a million. */
+bool transport_is_sound(const struct transport_piece *q, size_t bytes);
 void transport_block_finish(struct transport_block *b); /* frees its pieces and gazes */
 
 /* Turns off the linear algebra library's own threads. Call it once before several threads call transport_compress. */

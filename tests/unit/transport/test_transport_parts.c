@@ -122,6 +122,33 @@ static void a_piece_has_the_bytes_of_its_form(void **state)
     assert_int_equal(transport_piece_bytes(&q, 32), 480);
 }
 
+/* Every number of a piece is looked at, and none behind it. */
+static void a_piece_with_a_number_that_is_none_is_not_sound(void **state)
+{
+    static _Alignas(64) uint8_t bytes[2000];
+    struct transport_piece q = { .shape = { .rank = 5, .chunk_count = 3 }, .bytes = bytes };
+    const uint16_t none = 0x7c00; /* infinity */
+    const float gains[3] = { -1.0f, 1e6f, NAN };
+    (void)state;
+
+    for (int form = TRANSPORT_HALVES; form <= TRANSPORT_BYTES; form++) {
+        q.shape.form = (uint8_t)form;
+        const size_t size = (size_t)transport_piece_bytes(&q, 32), gained = form == TRANSPORT_BYTES ? 64 : 0;
+        const size_t any = form == TRANSPORT_BYTES ? 240 : 0; /* of V, with any value */
+        for (size_t at = gained; at <= size; at += 2) {
+            memset(bytes, 0, sizeof(bytes));
+            memcpy(bytes + at, &none, sizeof(none));
+            assert_int_equal(transport_is_sound(&q, size), at < gained + any || at == size);
+        }
+        for (size_t at = 0; at < gained; at += 4)
+            for (int k = 0; k < 3; k++) {
+                memset(bytes, 0, sizeof(bytes));
+                memcpy(bytes + at, &gains[k], sizeof(gains[k]));
+                assert_false(transport_is_sound(&q, size));
+            }
+    }
+}
+
 static struct transport *of_packets(struct gbuffer *g, uint32_t count)
 {
     static struct shade_packet packets[80];
@@ -182,8 +209,11 @@ static void a_process_keeps_what_its_packets_need(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(an_error_weighs_by_the_light_of_its_point), cmocka_unit_test(directions_fill_their_cells),
-    cmocka_unit_test(a_piece_has_the_bytes_of_its_form),         cmocka_unit_test(a_block_is_counted_with_its_pieces),
+    cmocka_unit_test(an_error_weighs_by_the_light_of_its_point),
+    cmocka_unit_test(directions_fill_their_cells),
+    cmocka_unit_test(a_piece_has_the_bytes_of_its_form),
+    cmocka_unit_test(a_piece_with_a_number_that_is_none_is_not_sound),
+    cmocka_unit_test(a_block_is_counted_with_its_pieces),
     cmocka_unit_test(a_process_keeps_what_its_packets_need),
 };
 UNIT_MAIN(tests)
