@@ -27,6 +27,7 @@ import hashlib
 import json
 import os
 import re
+import resource
 import shutil
 import sys
 import threading
@@ -210,6 +211,7 @@ class Memory:
 
     def __init__(self, suite, resume, commit):
         self.suite, self.commit, self.known = suite, commit, {}
+        self.judged, self.used = 0, []  # how many anew, and the commits of what is known
         self.tests = {c.name: hashlib.sha1(text_of(c).encode()).hexdigest() for c in suite.claims}
         self.every = self.hash_of(sorted({p for c in suite.claims for p in (TREE / f"tests/unit/{c.room}").iterdir()}))
         lines = RESULTS.read_text(encoding="utf-8").split("\n") if resume and RESULTS.exists() else []
@@ -220,7 +222,7 @@ class Memory:
                 if claim:
                     claim.noticed[Path(r["path"])] = claim.noticed.get(Path(r["path"]), 0) + 1
                 if r["by"] == "invalid" or r["by"] == "same" or r["tests"] == (self.tests[claim.name] if claim else self.every):
-                    self.known[r["path"], r["key"]] = r["by"]
+                    self.known[r["path"], r["key"]] = (r["by"], r["commit"])
 
     @staticmethod
     def hash_of(paths):
@@ -253,13 +255,17 @@ def judged(suite, a, until, known, memory):
         if (str(path), before, after) in known:
             return "explained"
         if (str(path), key) in memory.known:
-            return memory.known[str(path), key]
+            by, commit = memory.known[str(path), key]
+            memory.used.append(commit)
+            return by
         if time.monotonic() > until:
             return None
         folder = folders.pop()
         by = suite.judge(path, mutant, suite.order(path, a.seconds or SECONDS.get(suite.room, 20.0)), folder)
         folders.append(folder)
         memory.write(path, key, f"{before}\n{after}", by)
+        memory.judged += 1
+        memory.used.append(memory.commit)
         return by
 
     with concurrent.futures.ThreadPoolExecutor(a.workers) as pool:
@@ -361,22 +367,34 @@ def main():
     if a.planted:
         sys.exit(1 if planted() else 0)
     commit = run(["git", "-C", ROOT, "rev-parse", "--short", "HEAD"]).stdout.strip()
-    rows, low, left = [], False, False
+    rows, low, left, judged_now = [], False, False, 0
     claims = claims_of(a.rooms)
     programs = Programs(TREE, BUILD)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     for room in a.rooms:
-        suite = Suite(room, programs, claims[room])
-        t = run_room(suite, a, until, Memory(suite, a.resume, commit))
+        memory = Memory(Suite(room, programs, claims[room]), a.resume, commit)
+        t = run_room(memory.suite, a, until, memory)
         made = t["killed"] + t["survived"]
         rate = 100.0 * t["killed"] / made if made else 100.0
         low, left = low or rate < (TARGETS.get(room, 90) if a.least is None else a.least), left or t["left"] > 0
-        rows.append(f"| `{room}` | {commit} | {made + t['explained'] + t['same']} | {t['killed']} | {t['explained'] + t['same']} |"
-                    f" {t['survived']} | {rate:.0f} % |{' not finished' if t['left'] else ''}")
+        judged_now += memory.judged
+        rows.append(f"| `{room}` | {commits(memory.used)} | {made + t['explained'] + t['same']} | {t['killed']} |"
+                    f" {t['explained'] + t['same']} | {t['survived']} | {rate:.0f} % |{' not finished' if t['left'] else ''}")
         if a.verbose:
             print(rows[-1], flush=True)
-    print(f"{datetime.date.today()}, {processor()}, {len(os.sched_getaffinity(0))} processors, seed {a.seed}",
-          "| room | commit | faults | noticed | change nothing | not noticed | rate |\n|---|---|---|---|---|---|---|", *rows, sep="\n")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    print(f"{datetime.date.today()}, {processor()}, {len(os.sched_getaffinity(0))} processors, seed {a.seed};"
+          f" {judged_now} faults judged now, those that do not compile among them, in {seconds:.0f} s of processor time",
+          "| room | commits | faults | noticed | change nothing | not noticed | rate |\n|---|---|---|---|---|---|---|", *rows, sep="\n")
     sys.exit(3 if left else 1 if low else 0)
+
+
+def commits(used):
+    """The first and the last of them in the order of history."""
+    known = run(["git", "-C", ROOT, "rev-list", "--abbrev-commit", "HEAD"]).stdout.split()
+    at = sorted(known.index(c) for c in set(used) if c in known)
+    return "" if not at else known[at[0]] if len(at) == 1 else f"{known[at[-1]]} to {known[at[0]]}"
 
 
 if __name__ == "__main__":
