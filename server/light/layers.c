@@ -217,16 +217,14 @@ static enum err split_direct(struct relighter *r, struct environment *e, const s
 
 /* ---- Error ---- */
 
-/* Mean of the squared differences around a pixel. A picture with half the samples has twice the variance, so the
- * difference has three times the picture's variance. */
-static float error_at(const struct layers *l, const struct gbuffer *g, uint32_t x, uint32_t y)
+float layers_error(const float *whole, const float *half, uint32_t width, uint32_t height, uint32_t x, uint32_t y)
 {
     double sum = 0.0, count = 0.0;
 
-    for (uint32_t v = y > REACH ? y - REACH : 0; v <= y + REACH && v < g->height; v++)
-        for (uint32_t u = x > REACH ? x - REACH : 0; u <= x + REACH && u < g->width; u++) {
-            const size_t i = 3 * ((size_t)v * g->width + u);
-            const float *a = l->unfiltered + i, *b = l->scratch + i;
+    for (uint32_t v = y > REACH ? y - REACH : 0; v <= y + REACH && v < height; v++)
+        for (uint32_t u = x > REACH ? x - REACH : 0; u <= x + REACH && u < width; u++) {
+            const size_t i = 3 * ((size_t)v * width + u);
+            const float *a = whole + i, *b = half + i;
             const double d = (double)rgb_luminance(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
             sum += d * d;
             count += 1.0;
@@ -269,7 +267,8 @@ static enum err estimate_error(struct relighter *r, const struct environment *e,
 #pragma omp parallel for schedule(static)
     for (uint32_t y = 0; y < g->height; y++)
         for (uint32_t x = 0; x < g->width; x++)
-            l->light[LAYER_ERROR][(size_t)y * g->width + x] = error_at(l, g, x, y);
+            l->light[LAYER_ERROR][(size_t)y * g->width + x] =
+                layers_error(l->unfiltered, l->scratch, g->width, g->height, x, y);
     return ERR_OK;
 }
 

@@ -33,6 +33,11 @@ struct layers {
 bool layers_init(struct layers *l, const struct set *set);
 void layers_finish(struct layers *l); /* zeroed memory is allowed */
 
+/* The standard error at a pixel: from the mean of the squared differences of luminance over 5 x 5 pixels around. A
+ * picture with half the samples has twice the variance, so the difference has three times the picture's variance.
+ * whole, half: float[height][width][3]. */
+float layers_error(const float *whole, const float *half, uint32_t width, uint32_t height, uint32_t x, uint32_t y);
+
 /* As relighter_run, for methods other than references, with all layers. e is restored when it returns.
  */
 MUST_CHECK enum err relighter_run_layers(struct relighter *r, struct environment *e, const struct relight_desc *desc,

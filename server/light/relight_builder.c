@@ -286,20 +286,30 @@ bool relight_builder_has_bounce(const struct relight_builder *b)
     return !b->wanted || (atomic_load(&b->ended[WHOLE]) && !atomic_load(&b->next));
 }
 
-double relight_builder_share(const struct relight_builder *b)
+double relight_share(const struct relight_stages *s)
 {
-    const double coarse = b->live ? transport_live_share(b->live, TRANSPORT_COARSE) : 1.0,
-                 fine = b->live ? transport_live_share(b->live, TRANSPORT_FINE) : 1.0;
     double share;
 
-    if (atomic_load(&b->done))
-        return 1.0;
-    if (!b->wanted)
-        share = RELIGHT_COARSE * coarse + (1.0 - RELIGHT_COARSE) * fine;
-    else if (!atomic_load(&b->ended[QUICK]))
-        share = RELIGHT_COARSE * share_of(b, QUICK);
+    if (!s->wanted)
+        share = RELIGHT_COARSE * s->coarse + (1.0 - RELIGHT_COARSE) * s->fine;
+    else if (!s->quick_ended)
+        share = RELIGHT_COARSE * s->quick;
     else
-        share = RELIGHT_COARSE + (RELIGHT_DIRECT - RELIGHT_COARSE) * coarse +
-                (1.0 - RELIGHT_DIRECT) * (0.5 * share_of(b, WHOLE) + 0.5 * fine);
+        share = RELIGHT_COARSE + (RELIGHT_DIRECT - RELIGHT_COARSE) * s->coarse +
+                (1.0 - RELIGHT_DIRECT) * (0.5 * s->whole + 0.5 * s->fine);
     return fmin(share, 0.99);
+}
+
+double relight_builder_share(const struct relight_builder *b)
+{
+    const struct relight_stages stages = {
+        .wanted = b->wanted,
+        .quick_ended = atomic_load(&b->ended[QUICK]),
+        .quick = share_of(b, QUICK),
+        .whole = share_of(b, WHOLE),
+        .coarse = b->live ? transport_live_share(b->live, TRANSPORT_COARSE) : 1.0,
+        .fine = b->live ? transport_live_share(b->live, TRANSPORT_FINE) : 1.0,
+    };
+
+    return atomic_load(&b->done) ? 1.0 : relight_share(&stages);
 }

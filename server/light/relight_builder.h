@@ -49,6 +49,16 @@ bool relight_builder_is_done(struct relight_builder *b, enum err *e, struct reli
 /* True once relight_builder_take has returned the finished cache of interreflection, or none will come. */
 bool relight_builder_has_bounce(const struct relight_builder *b);
 
+/* How far the stages of both caches are, each 0 to 1. */
+struct relight_stages {
+    bool wanted, quick_ended; /* interreflection; its quick cache is there */
+    double quick, whole;      /* of interreflection */
+    double coarse, fine;      /* of direct light */
+};
+
+/* The share of all, at most 0.99. */
+double relight_share(const struct relight_stages *s);
+
 /* The computed share, 0 to 1; 1 only when complete. See relight.h for RELIGHT_COARSE and RELIGHT_DIRECT. */
 double relight_builder_share(const struct relight_builder *b);
 

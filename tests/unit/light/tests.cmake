@@ -1,6 +1,7 @@
 unit_test(light test_lean)
 unit_test(light test_wide)
 unit_test(light test_facts)
+unit_test(light test_parts)
 unit_test(light test_ground OpenMP::OpenMP_C)
 unit_test(light test_holes source OpenMP::OpenMP_C)
 unit_test(light test_leaves source OpenMP::OpenMP_C)
