@@ -2,7 +2,9 @@
 #include "base/mem.h"
 #include "cache/cache_share.h"
 #include "estimators/points.h"
+#include "support/skies.h"
 #include "transport/parts.h"
+#include "transport/transports.h"
 
 #include <math.h>
 
@@ -181,6 +183,37 @@ static void a_block_is_counted_with_its_pieces(void **state)
     transport_destroy(t);
 }
 
+/* ---- A frame ---- */
+
+/* Under a sky of 1 with one texel of 1e5, of solid angle 2 pi / 64 (cos 8 pi / 32 - cos 9 pi / 32), the sun's share of
+ * all light is 714 of 714 + 4 pi, whatever the unit. An even sky has none. */
+static void the_suns_share_is_that_of_all_light(void **state)
+{
+    const double sun = 1e5 * 2.0 * PI / 64.0 * (cos(8.0 * PI / 32.0) - cos(9.0 * PI / 32.0));
+    struct gbuffer g = points_make(4, LOBE_LAMBERT, 0.6f, 0.0f, 0.0f);
+    struct transport *t = transport_of(&g, NULL, &(struct transport_desc){ .no_visibility = true, .per_cell = 1 });
+    float *lo = mem_alloc((size_t)g.packet_count * 3 * PACKET, sizeof(*lo));
+    (void)state;
+
+    for (int k = 0; k < 3; k++) {
+        const float unit = k == 1 ? 1e-3f : 1.0f;
+        struct frame f = sky_constant(64, 32, unit);
+        if (k < 2)
+            sky_paint(&f, 10, 8, 1e5f * unit, 1e5f * unit, 1e5f * unit);
+        struct environment *e = sky_environment(f, 32, 0.0);
+        const struct transport_frame frame = { .samples = 64 };
+        struct transport_frame_stats stats;
+        assert_int_equal(transport_shade(t, e, &frame, lo, &stats), ERR_OK);
+        printf("share %.4f\n", stats.share);
+        assert_near(stats.share, k < 2 ? sun / (sun + 4.0 * PI) : 0.0, 0.01);
+        assert_true((stats.bright > 0) == (k < 2));
+        environment_destroy(e);
+    }
+    mem_free(lo);
+    transport_destroy(t);
+    points_free(&g);
+}
+
 /* ---- Processes ---- */
 
 /* Of 16 blocks of four packets, of which the second has narrow lobes: who computes packets 8 to 15 needs the blocks
@@ -214,6 +247,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_piece_has_the_bytes_of_its_form),
     cmocka_unit_test(a_piece_with_a_number_that_is_none_is_not_sound),
     cmocka_unit_test(a_block_is_counted_with_its_pieces),
+    cmocka_unit_test(the_suns_share_is_that_of_all_light),
     cmocka_unit_test(a_process_keeps_what_its_packets_need),
 };
 UNIT_MAIN(tests)
