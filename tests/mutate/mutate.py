@@ -13,7 +13,7 @@ ROOM        a folder of server/, or `protocol` or `decoders`; without: all of th
 --least P   exit 1 where fewer than P percent of a room's faults are noticed (without: the targets in the table below)
 --workers N faults at a time (as many as processors)
 --resume    takes from build/mutate/results.txt what is known of faults in files that have not changed: of those noticed, while
-            the test's function has not changed either; of survivors, while no test of the room has
+            the test's function has not changed either; of survivors, while no test of the room has, and with as many seconds
 --for N     begins no fault after so many seconds; exit 3 if any is left, for --resume
 --planted   instead: the faults of planted.txt, each of which the unit tests of its own room must notice
 --list      prints the faults that would be made
@@ -48,7 +48,7 @@ SOURCES = {"protocol": ["protocol/*.c", "server/message/message_*.c", "server/st
            "decoders": ["server/codec/**/*.[ch]", "server/decoder/*.[ch]"],
            "light": ["server/light/*.[ch]", "server/resolve/*.[ch]"]}
 TESTS = {"protocol": ["message", "stream"], "decoders": ["codec", "decoder"], "light": ["light", "resolve"]}
-SECONDS = {"estimators": 30.0, "transport": 30.0, "light": 30.0, "bounce": 30.0}  # of tests for each fault, where they take long; else 20
+SECONDS = {"estimators": 60.0, "transport": 60.0, "light": 60.0, "bounce": 60.0}  # of tests for each fault, where they take long; else 20
 
 
 def copy_tree():
@@ -209,8 +209,8 @@ def text_of(claim):
 class Memory:
     """What build/mutate/results.txt says, one JSON object a line."""
 
-    def __init__(self, suite, resume, commit):
-        self.suite, self.commit, self.known = suite, commit, {}
+    def __init__(self, suite, resume, commit, seconds):
+        self.suite, self.commit, self.seconds, self.known = suite, commit, seconds, {}
         self.judged, self.used = 0, []  # how many anew, and the commits of what is known
         self.tests = {c.name: hashlib.sha1(text_of(c).encode()).hexdigest() for c in suite.claims}
         self.every = self.hash_of(sorted({p for c in suite.claims for p in (TREE / f"tests/unit/{c.room}").iterdir()}))
@@ -221,6 +221,8 @@ class Memory:
                 claim = by_name.get(r["by"])
                 if claim:
                     claim.noticed[Path(r["path"])] = claim.noticed.get(Path(r["path"]), 0) + 1
+                if r["by"] == "survived" and r.get("seconds", 0.0) < seconds:
+                    continue
                 if r["by"] == "invalid" or r["by"] == "same" or r["tests"] == (self.tests[claim.name] if claim else self.every):
                     self.known[r["path"], r["key"]] = (r["by"], r["commit"])
 
@@ -233,7 +235,7 @@ class Memory:
         if claim:
             claim.noticed[path] = claim.noticed.get(path, 0) + 1
         r = {"room": self.suite.room, "path": str(path), "key": key, "by": by, "source": self.hash_of([TREE / path]),
-             "tests": self.tests[claim.name] if claim else self.every, "commit": self.commit,
+             "tests": self.tests[claim.name] if claim else self.every, "commit": self.commit, "seconds": self.seconds,
              "date": datetime.date.today().isoformat(), "fault": text}
         with RESULTS.open("a", encoding="utf-8") as f:
             f.write(json.dumps(r) + "\n")
@@ -261,7 +263,7 @@ def judged(suite, a, until, known, memory):
         if time.monotonic() > until:
             return None
         folder = folders.pop()
-        by = suite.judge(path, mutant, suite.order(path, a.seconds or SECONDS.get(suite.room, 20.0)), folder)
+        by = suite.judge(path, mutant, suite.order(path, memory.seconds), folder)
         folders.append(folder)
         memory.write(path, key, f"{before}\n{after}", by)
         memory.judged += 1
@@ -372,7 +374,7 @@ def main():
     programs = Programs(TREE, BUILD)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     for room in a.rooms:
-        memory = Memory(Suite(room, programs, claims[room]), a.resume, commit)
+        memory = Memory(Suite(room, programs, claims[room]), a.resume, commit, a.seconds or SECONDS.get(room, 20.0))
         t = run_room(memory.suite, a, until, memory)
         made = t["killed"] + t["survived"]
         rate = 100.0 * t["killed"] / made if made else 100.0

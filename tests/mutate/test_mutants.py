@@ -144,14 +144,15 @@ def what_was_found_holds_until_the_source_or_the_test_changes():
             path.parent.mkdir(parents=True)
             path.write_text(text, encoding="utf-8")
         path = Path("server/a.c")
-        m = mutate.Memory(Tests("fails"), False, "1234567")
+        m = mutate.Memory(Tests("fails"), False, "1234567", 20.0)
         for key, by in (("k", "room.test_a.fails"), ("s", "survived"), ("i", "invalid")):
             m.write(path, key, "", by)
 
-        def known():
-            return {key for _, key in mutate.Memory(Tests("fails"), True, "1234567").known}
+        def known(seconds=20.0):
+            return {key for _, key in mutate.Memory(Tests("fails"), True, "1234567", seconds).known}
 
-        assert known() == {"k", "s", "i"} and not mutate.Memory(Tests("fails"), False, "1234567").known
+        assert known() == {"k", "s", "i"} and not mutate.Memory(Tests("fails"), False, "1234567", 20.0).known
+        assert known(30.0) == {"k", "i"}, "a test that takes longer may notice what survived"
         test.write_text(test.read_text(encoding="utf-8") + "static void more(void **state)\n{\n}\n", encoding="utf-8")
         assert known() == {"k", "i"}, "a new test may notice what survived"
         test.write_text("static void fails(void **state)\n{\n    return;\n}\n", encoding="utf-8")
