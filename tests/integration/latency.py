@@ -299,13 +299,13 @@ async def changes_of_a_sky_by_srt_are_seen(folder):
 async def measure(seconds, wanted):
     if not shutil.which("ffmpeg"):
         skip("ffmpeg is not installed")
-    print(f"{'source, to a picture by WebSocket':<44}{'median':>9}{'95 %':>9}{'changes':>9}   ms")
+    print(f"{'source, to an image by WebSocket':<44}{'median':>9}{'95 %':>9}{'changes':>9}   ms")
     for name in INPUTS:
         if not wanted or name in wanted:
             await measure_input(name, seconds)
     outputs = [name.removeprefix("to-") for name in wanted if name.startswith("to-")]
     if not wanted or outputs:
-        print(f"\n{'a file that appears, to a picture by':<44}{'median':>9}{'95 %':>9}{'changes':>9}   ms")
+        print(f"\n{'a file that appears, to an image by':<44}{'median':>9}{'95 %':>9}{'changes':>9}   ms")
         await measure_outputs(outputs, seconds)
 
 
