@@ -1,4 +1,4 @@
-// Turns the sky of relightd and saves a picture: node example.mjs [ws://HOST:PORT[/#token=...]] [FILE.jpg]
+// Turns the sky of relightd and saves an image: node example.mjs [ws://HOST:PORT[/#token=...]] [FILE.jpg]
 import { writeFile } from 'node:fs/promises';
 import { Relight } from './relight.js';
 

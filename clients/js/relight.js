@@ -1,4 +1,4 @@
-// A client of relightd for programs: live pictures, decoded or as bytes, and settings. The page is built on the same modules;
+// A client of relightd for programs: live images, decoded or as bytes, and settings. The page is built on the same modules;
 // docs/client-libraries.md has examples, relight.d.ts the types, and protocol/PROTOCOL.md what the messages mean.
 
 import { Connection, realWorld } from './connection.js';
@@ -38,7 +38,7 @@ export function address(text) {
 
 // Connects, and connects again after interruptions, until stop(). welcome, status, settings and state are the newest ones.
 export class Relight {
-  // decode: pictures have a `bitmap` (a VideoFrame or ImageBitmap, to be closed), H.264 where possible, else JPEG; true where the
+  // decode: images have a `bitmap` (a VideoFrame or ImageBitmap, to be closed), H.264 where possible, else JPEG; true where the
   // browser can. Otherwise they have a `payload`, encoded as `coding` says: 'jpeg', 'h264', 'exr_half', 'exr_float' or 'changes'.
   // on: {picture, status, state, settings, heard, error}, all optional. WebSocket: where there is no global one.
   constructor(text, options = {}) {
@@ -64,7 +64,7 @@ export class Relight {
   decodeWith(wish, coding) {
     const player = new Player((event) => {
       if (event.op === 'picture') this.take(event);
-      else if (event.op === 'undecodable') this.on.error?.(new RelightError(`a picture cannot be decoded: ${event.reason}`));
+      else if (event.op === 'undecodable') this.on.error?.(new RelightError(`an image cannot be decoded: ${event.reason}`));
       else this.hear(event.op, event);
     });
     this.send = (message) => player.command({ op: 'say', message });
@@ -109,9 +109,9 @@ export class Relight {
     return this.ask('probe', pixel);
   }
 
-  // The newest picture that nobody has taken, or the next one.
+  // The newest image that was not returned yet, or the next one.
   picture() {
-    if (this.chained) throw new TypeError('H.264 as bytes needs on.picture, which gets every picture: each needs the one before');
+    if (this.chained) throw new TypeError('H.264 as bytes needs on.picture, which receives every image: each depends on the one before');
     if (this.state.name === 'refused') return Promise.reject(new RelightError(this.state.detail));
     return new Promise((resolve, reject) => {
       this.waiting.push({ resolve, reject });
@@ -208,7 +208,7 @@ export class Relight {
     this.on.heard?.(message);
   }
 
-  // Requests are lost with their connection; pictures come again with the next one, unless the server refused.
+  // Requests are lost with their connection; images resume with the next one, unless the server refused.
   lose({ name, detail }) {
     this.welcome = undefined;
     const error = new RelightError(detail);

@@ -1,4 +1,4 @@
-"""A client of relightd in one file: feed skies, receive pictures, change settings. Speaks relight.v1 (protocol/PROTOCOL.md).
+"""A client of relightd in one file: feed skies, receive images, change settings. Speaks relight.v1 (protocol/PROTOCOL.md).
 
 Needs python3-numpy and python3-websockets; Picture.pixels() also needs python3-pil. docs/client-libraries.md has examples.
 
@@ -41,7 +41,7 @@ LAST, REPEAT, LOCKSTEP, HALF, QUARTER, FINER, KEY = (1 << i for i in range(7))  
 
 
 class Error(Exception):
-    """What can go wrong with a server."""
+    """Base class of the errors that a server causes."""
 
 
 class Malformed(Error):
@@ -54,7 +54,7 @@ class Malformed(Error):
 
 
 class Refused(Error):
-    """The server refused a request. The connection goes on."""
+    """The server refused a request. The connection stays open."""
 
     def __init__(self, message):
         super().__init__(f"{message.get('message') or message.get('code')} ({message.get('code')}, clause {message.get('clause')})")
@@ -63,7 +63,7 @@ class Refused(Error):
 
 
 class Closed(Error):
-    """The connection cannot be made or has ended. `code` is the close code of PROTOCOL.md section 8, 1006 without one."""
+    """The connection could not be opened or has ended. `code` is the close code of PROTOCOL.md section 8, 1006 without one."""
 
     def __init__(self, code, text):
         super().__init__(f"{text} ({code})")
@@ -74,7 +74,7 @@ class Closed(Error):
 
 @dataclasses.dataclass
 class Picture:
-    """A picture of the server. Times are microseconds since 1970 by the server's clock, durations microseconds."""
+    """An image from the server. Times are microseconds since 1970 by the server's clock, durations microseconds."""
     format: str  # "jpeg", "exr_half", "exr_float", "h264" or "changes"
     flags: int
     sequence: int
@@ -304,7 +304,7 @@ class Client:
     # -- pictures
 
     async def subscribe(self, format="jpeg", **limits):
-        """Which pictures come: "jpeg", "exr_half", "exr_float", "h264" or "changes" (a PNG); limits: quality, max_rate, max_width, max_height (4.3).
+        """Selects the format of images: "jpeg", "exr_half", "exr_float", "h264" or "changes" (a PNG); limits: quality, max_rate, max_width, max_height (4.3).
         Refused: the server does not offer it."""
         if format not in FORMATS.values():
             raise ValueError(f"format {format!r}: expected one of {', '.join(FORMATS.values())}")
@@ -317,7 +317,7 @@ class Client:
         await self._ask("subscribe", format=format, **limits)
 
     async def picture(self):
-        """The newest picture not yet returned; of H.264 the next. Waits for one. Subscribes to JPEG if nothing was asked for."""
+        """The newest image not yet returned (H.264: the next). Waits for one. Subscribes to JPEG if there is no subscription."""
         if self._format is None:
             await self.subscribe()
         await self._until(lambda: self._pictures)
@@ -329,7 +329,7 @@ class Client:
         return picture
 
     async def pictures(self):
-        """All further pictures: `async for picture in client.pictures()`. Ends after one with flag LAST."""
+        """All further images: `async for picture in client.pictures()`. Ends after one with flag LAST."""
         while True:
             picture = await self.picture()
             yield picture
@@ -369,7 +369,7 @@ class Client:
         return await self._answer(("frame", number), fate)
 
     async def end(self):
-        """No more skies follow for now."""
+        """Tells the server that no more skies follow for now."""
         await self._say(op="end")
 
     # -- inside
@@ -410,7 +410,7 @@ class Client:
         return {name: value for name, value in message.items() if name not in ("op", "request", "by")}
 
     async def _read(self):
-        """Takes all messages until the connection ends; then all that wait get the reason."""
+        """Reads all messages until the connection ends; then every waiting call gets the reason."""
         fatal = ""
         try:
             async for message in self._socket:
@@ -472,7 +472,7 @@ class Client:
 
 
 def _answers(op, number, asked, asked_number):
-    """Whether a message of the server answers a request. A control answers earlier ones too, which were taken with it."""
+    """Whether a message of the server answers a request. A control also answers earlier requests that were applied with it."""
     if op == "control":
         return asked == "control" and asked_number <= number
     if op == "error":

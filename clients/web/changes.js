@@ -52,7 +52,7 @@ class Changes {
         const message = JSON.parse(data);
         if (message.op !== 'welcome') return;
         if (message.formats.includes('changes')) say({ op: 'subscribe', format: 'changes' });
-        else this.close('This server does not tell which pixels changed.');
+        else this.close('This server does not report which pixels changed.');
         return;
       }
       const picture = decodePicture(data);
