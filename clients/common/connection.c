@@ -209,8 +209,8 @@ static void on_welcome(struct connection *c, const json_t *welcome)
     if (c->state != STATE_OPEN)
         return;
     if (!message_number(json_object_get(welcome, "version"), "major", &major) || major != PROTOCOL_MAJOR) {
-        connection_fail(c, CONNECTION_REFUSED, "%s speaks another version of relight than ours (%d)", c->address.named,
-                        PROTOCOL_MAJOR);
+        connection_fail(c, CONNECTION_REFUSED, "%s speaks another version of the protocol than this program (%d)",
+                        c->address.named, PROTOCOL_MAJOR);
         return;
     }
     move_to(c, STATE_WELCOMED);
@@ -257,7 +257,7 @@ static void on_text(struct connection *c)
     json_t *message = message_read(c->in, c->in_size, &op);
 
     if (!message)
-        connection_fail(c, CONNECTION_LOST, "%s sent a text that is no message of relight.v1", c->address.named);
+        connection_fail(c, CONNECTION_LOST, "%s sent text that is not a relight.v1 message", c->address.named);
     else if (strcmp(op, "welcome") == 0)
         on_welcome(c, message);
     else if (strcmp(op, "pong") == 0)
@@ -385,10 +385,10 @@ static void on_no_socket(struct connection *c)
 {
     struct addrinfo *list = NULL;
     const int fault = getaddrinfo(c->address.host, NULL, NULL, &list);
-    struct reason text = { "no socket can be had" };
+    struct reason text = { "no socket can be created" };
 
     if (fault)
-        (void)err_say(&text, ERR_OK, "no address is known for '%s' (%s); check the spelling", c->address.host,
+        (void)err_say(&text, ERR_OK, "'%s' cannot be resolved (%s); check the spelling", c->address.host,
                       gai_strerror(fault));
     else
         freeaddrinfo(list);
@@ -516,7 +516,7 @@ enum err connection_create(const struct connection_desc *d, struct connection **
     if (!e && c->address.tls)
         e = trust_create(d->ca_file, &c->address, &c->trust, why);
     else if (!e && d->ca_file)
-        e = err_say(why, ERR_USAGE, "--ca is of TLS, and %s is without: wss://%s", d->url, c->address.named);
+        e = err_say(why, ERR_USAGE, "--ca is for TLS, but %s is not: use wss://%s", d->url, c->address.named);
     const struct lws_context_creation_info info = {
         .port = CONTEXT_PORT_NO_LISTEN,
         .protocols = c->protocols,

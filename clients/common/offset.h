@@ -1,6 +1,6 @@
 /* clients/common/offset.h */
-/* By how much the server's clock is ahead of this computer's, from pings (PROTOCOL.md 5.6): of the last twenty round
- * trips the shortest counts, and errs by at most its half. Pure; one thread per estimate. */
+/* Estimates how far the server's clock is ahead of this computer's, from pings (PROTOCOL.md 5.6): the shortest of the
+ * last twenty round trips counts, with an error of at most half of it. Pure; one thread per estimate. */
 #ifndef CLIENTS_OFFSET_H
 #define CLIENTS_OFFSET_H
 

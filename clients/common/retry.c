@@ -9,7 +9,7 @@ struct retry_rule retry_after_close(int code)
         struct retry_rule rule;
     } table[] = {
         { 1000, { RETRY_AGAIN, false, "done" } },
-        { 1001, { RETRY_AGAIN, false, "the server goes away" } },
+        { 1001, { RETRY_AGAIN, false, "the server is shutting down" } },
         { 1002, { RETRY_NEVER, false, "malformed WebSocket frames" } },
         { 1006, { RETRY_AGAIN, false, "the connection broke" } },
         { 1007, { RETRY_NEVER, false, "text that is not UTF-8" } },
@@ -33,7 +33,7 @@ struct retry_rule retry_after_close(int code)
     for (size_t i = 0; i < sizeof(table) / sizeof(table[0]); i++)
         if (table[i].code == code)
             return table[i].rule;
-    return (struct retry_rule){ RETRY_LATER, false, "a close code that is not known here" };
+    return (struct retry_rule){ RETRY_LATER, false, "an unknown close code" };
 }
 
 struct retry_rule retry_after_status(int status)
@@ -42,7 +42,7 @@ struct retry_rule retry_after_status(int status)
         return (struct retry_rule){ RETRY_AGAIN, false, "no answer" };
     if (status == 408 || status == 429 || status >= 500) /* a proxy whose server is away, or that is overrun */
         return (struct retry_rule){ RETRY_AGAIN, false, "not now" };
-    return (struct retry_rule){ RETRY_NEVER, true, "no relight.v1 at this address" };
+    return (struct retry_rule){ RETRY_NEVER, true, "this address does not speak relight.v1" };
 }
 
 int retry_wait_ms(unsigned tries, enum retry_when when, struct rng *rng)

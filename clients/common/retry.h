@@ -1,5 +1,6 @@
 /* clients/common/retry.h */
-/* What to do after a connection has ended: PROTOCOL.md section 8 as a table, and the back-off. Pure; any thread. */
+/* Decides what to do after a connection has ended: PROTOCOL.md section 8 as a table, and the back-off. Pure; any
+ * thread. */
 #ifndef CLIENTS_RETRY_H
 #define CLIENTS_RETRY_H
 

@@ -31,10 +31,10 @@ bool trust_explain(const SSL *failed, const char *ca_file, struct reason *why)
 {
     const long fault = SSL_get_verify_result(failed);
     const char *advice =
-        ca_file ? "--ca has no authority that signed it" : "name a PEM file with the authority that signed it by --ca";
+        ca_file ? "no authority in --ca signed it" : "use --ca FILE to name the authority that signed it (PEM)";
 
     if (fault == X509_V_ERR_HOSTNAME_MISMATCH || fault == X509_V_ERR_IP_ADDRESS_MISMATCH)
-        advice = "connect by a name that it is for";
+        advice = "connect with a name that it covers";
     if (fault == X509_V_ERR_CERT_HAS_EXPIRED || fault == X509_V_ERR_CERT_NOT_YET_VALID)
         advice = "renew it there, or set the clock here";
     (void)err_say(why, ERR_OK, "its certificate is not trusted (%s): %s", X509_verify_cert_error_string(fault), advice);

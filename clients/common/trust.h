@@ -1,5 +1,5 @@
 /* clients/common/trust.h */
-/* Which servers a TLS client trusts, and what is wrong with one that it does not. Any thread. */
+/* The servers that a TLS client trusts, and the reason if it does not trust one. Any thread. */
 #ifndef CLIENTS_TRUST_H
 #define CLIENTS_TRUST_H
 

@@ -116,7 +116,7 @@ static void hint(struct feeder *f)
     if (!f->desc.lockstep || f->hinted || now - f->waiting_ms < PATIENCE_MS)
         return;
     f->hinted = true;
-    log_info("waiting until the last picture is stored; is 'relight-record --recorder %s' running?", f->desc.sequence);
+    log_info("waiting until the last image is stored; is 'relight-record --recorder %s' running?", f->desc.sequence);
 }
 
 /* Every frame has its fate. In lockstep the last picture has been stored too, since its credit was returned. */
@@ -255,7 +255,7 @@ static void resume_lockstep(struct feeder *f, bool has_after, uint64_t after)
         begin_reading(f, has_after, after);
     } else if (f->has_settled && (!has_after || after < f->settled)) {
         log_warning("the server has lost frames up to %" PRIu64 "%s", f->settled,
-                    f->desc.watched ? "; a watched folder cannot be replayed: pictures may be missing"
+                    f->desc.watched ? "; a watched folder cannot be replayed: images may be missing"
                                     : ", they are sent again");
         f->report.pictures_lost |= f->desc.watched;
         if (!f->desc.watched) {

@@ -27,13 +27,12 @@ static enum err check_pattern(const struct reader_desc *d, const char *pattern, 
     if (e)
         return e;
     if (!dot || strcasecmp(dot, ".exr") != 0)
-        return err_say(why, ERR_USAGE, "--out '%s': the name of an .exr file is needed", pattern);
+        return err_say(why, ERR_USAGE, "--out '%s': expected a file name that ends in .exr", pattern);
     if (source_kind(s) == SOURCE_SKY && !frames->given)
-        return err_say(why, ERR_USAGE, "%s never ends: choose frames, as --frames 0-9", d->source.spec);
+        return err_say(why, ERR_USAGE, "%s never ends: select frames, such as --frames 0-9", d->source.spec);
     if (out->length == 0 && !one)
         return err_say(why, ERR_USAGE,
-                       "--out '%s' names one file: put %%04d into it for the frame number, or choose one frame by "
-                       "--frames",
+                       "--out '%s' names one file: add %%04d for the frame number, or select one frame with --frames",
                        pattern);
     return ERR_OK;
 }

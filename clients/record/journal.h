@@ -1,5 +1,6 @@
 /* clients/record/journal.h */
-/* The index of recorded pictures: one JSON object per line, on disk before the picture is acknowledged. Thread: one. */
+/* The index of recorded images: one JSON object per line, written to disk before the image is acknowledged. Thread:
+ * one. */
 #ifndef RECORD_JOURNAL_H
 #define RECORD_JOURNAL_H
 

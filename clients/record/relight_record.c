@@ -160,11 +160,11 @@ static void skip(struct record *r, const uint8_t *bytes, size_t size, const char
     const uint64_t sequence = protocol_picture_sequence(bytes, size);
 
     if (r->recorder || ++r->unreadable_row > UNREADABLE_MOST) {
-        connection_fail(r->connection, CONNECTION_LOST, "%s sent a picture that cannot be stored: %s",
+        connection_fail(r->connection, CONNECTION_LOST, "%s sent an image that cannot be stored: %s",
                         r->connection_desc.url, fault);
         return;
     }
-    log_warning("%s sent a picture that cannot be stored and is skipped: %s", r->connection_desc.url, fault);
+    log_warning("%s sent an image that cannot be stored and is skipped: %s", r->connection_desc.url, fault);
     r->unreadable++;
     if (sequence > 0)
         acknowledge(r, &(struct protocol_picture){ .sequence = sequence });
@@ -222,7 +222,7 @@ static void notice_others(struct record *r, const json_t *welcome)
     if (!r->recorder || !r->has_stored ||
         !message_number(json_object_get(welcome, "recorder"), "stored_after", &after) || after <= r->last)
         return;
-    log_error("another recorder has stored pictures up to frame %" PRIu64 "; here they end with frame %" PRIu64, after,
+    log_error("another recorder has stored images up to frame %" PRIu64 "; here they end with frame %" PRIu64, after,
               r->last);
     r->missed = true;
 }
@@ -303,7 +303,7 @@ static const struct setting rows[] = {
       .section = "Connection", TEXT, AT(connection_desc.url) },
     { "out", "PATTERN", "file name with %d or %04d for the environment frame's number", NULL, OUTPUT, TEXT,
       AT(pattern) },
-    { "format", "F", "form of the files; default: by the ending of PATTERN, exr-float for .exr", NULL, OUTPUT,
+    { "format", "F", "file format; default: from the extension of PATTERN, exr-float for .exr", NULL, OUTPUT,
       CHOICE(format_choices), AT(format) },
     { "quality", "Q", "JPEG quality, 1 to 100; default: the server's", NULL, OUTPUT, WHOLE(1, 100), AT(quality) },
     { "index", "FILE", "append a JSON line per image: frame, file, times, latency", NULL, OUTPUT, TEXT,
@@ -333,7 +333,7 @@ static enum err choose_format(struct record *r, struct reason *why)
                exr = ends_with(r->out.text, ".exr");
 
     if (!r->format && !jpg && !exr)
-        return err_say(why, ERR_USAGE, "--out '%s' ends neither in .jpg nor in .exr: --format is missing", r->out.text);
+        return err_say(why, ERR_USAGE, "--out '%s' ends in neither .jpg nor .exr: add --format", r->out.text);
     if (!r->format)
         r->format = jpg ? PROTOCOL_JPEG : PROTOCOL_EXR_FLOAT;
     if ((jpg && r->format != PROTOCOL_JPEG) || (exr && r->format == PROTOCOL_JPEG))
@@ -360,7 +360,7 @@ static enum err check_folder(const struct file_pattern *p, struct reason *why)
 static enum err check_output_options(struct record *r, struct reason *why)
 {
     if (!r->pattern)
-        return err_say(why, ERR_USAGE, "--out is missing: where the pictures go, as --out DIR/picture.%%04d.jpg");
+        return err_say(why, ERR_USAGE, "--out is missing: name the images, such as --out DIR/image.%%04d.jpg");
     enum err e = file_pattern_parse(r->pattern, "--out", &r->out, why);
     if (!e)
         e = choose_format(r, why);
@@ -368,7 +368,7 @@ static enum err check_output_options(struct record *r, struct reason *why)
         e = err_say(why, ERR_USAGE, "--quality applies only to JPEG");
     r->wanted = r->once ? 1 : r->wanted;
     if (!e && !r->out.length && r->wanted != 1)
-        e = err_say(why, ERR_USAGE, "--out '%s' names one file: include %%04d, or use --once for a single picture",
+        e = err_say(why, ERR_USAGE, "--out '%s' names one file: include %%04d, or use --once for a single image",
                     r->pattern);
     return e ? e : check_folder(&r->out, why);
 }
@@ -413,7 +413,7 @@ static void print_summary(const struct record *r, enum connection_end end, const
 
 static int run(struct record *r, struct reason *why)
 {
-    progress_begin(&r->line, "pictures", r->wanted, r->connection_desc.quiet ? NULL : stderr);
+    progress_begin(&r->line, "images", r->wanted, r->connection_desc.quiet ? NULL : stderr);
     const enum connection_end end = connection_run(r->connection, why);
     progress_end(&r->line);
     if (end != CONNECTION_DONE)
@@ -421,7 +421,7 @@ static int run(struct record *r, struct reason *why)
     if (r->json)
         print_summary(r, end, end == CONNECTION_DONE ? "" : why->text);
     else
-        log_info("%" PRIu64 " pictures stored", r->stored);
+        log_info("%" PRIu64 " images stored", r->stored);
     if (end == CONNECTION_DONE && r->recorder && r->ended && r->stored == 0)
         log_warning("sequence %s has already ended; use another name to start a new one", r->recorder);
     return client_exit_code(end, !r->missed && (r->ended || (!r->recorder && !r->wanted)));

@@ -122,8 +122,7 @@ static enum err choose_light(struct annual *a, struct reason *why)
     l->direct.why = why;
     struct box box;
     if (scene_casters(a->set->scene, &box, 1) > 0 && ranks_index(a->desc.ranks) == 0)
-        log_warning("%s: light by way of mirrors and solid glass (caustics) is left out; window panes should be thin "
-                    "glass",
+        log_warning("%s: caustics (light via mirrors and solid glass) are left out; model window panes as thin glass",
                     a->set->name);
     if (a->set->scene->ground.radius > 0.0f)
         return err_say(why, ERR_USAGE,
@@ -152,7 +151,7 @@ static enum err allocate(struct annual *a, struct reason *why)
     a->weights = mem_alloc((size_t)2 * n * n, sizeof(*a->weights));
     if (!a->relighter || !a->environment || !a->sensors || !a->lux || !a->sun_lux || !a->factor || !a->rgb ||
         !a->cdm2 || !a->weights || frame_reserve_texels(&a->frame, a->weather->width, a->weather->height))
-        return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u and %zu sensors", d->width, d->height,
+        return err_say(why, ERR_NOMEM, "no memory for images of %ux%u and %zu sensors", d->width, d->height,
                        a->points.count);
     irradiance_weights(n, a->weights);
     return glare_view_create(&a->set->view, &a->glare) ? err_say(why, ERR_NOMEM, "out of memory") : ERR_OK;
@@ -165,8 +164,8 @@ static void warn_of_enclosed(const struct annual *a)
         ranks_index(a->desc.ranks) == 0 ? points_enclosed(&a->points, a->set->scene, a->set->rays, &first) : 0;
 
     if (count > 0)
-        log_warning("%s: %zu of %zu sensors seem to lie within solids, the first is number %zu at "
-                    "%g,%g,%g: their values mean nothing, and count in sDA and ASE; leave them out",
+        log_warning("%s: %zu of %zu sensors seem to lie inside solids, the first is number %zu at %g,%g,%g: their "
+                    "values are meaningless but count in sDA and ASE; remove them",
                     a->desc.sensors, count, a->points.count, first, (double)a->points.at[first].position.x,
                     (double)a->points.at[first].position.y, (double)a->points.at[first].position.z);
 }
@@ -180,9 +179,9 @@ static enum err set_up(struct annual *a, struct reason *why)
         return err_say(why, ERR_USAGE, "--annual needs the weather of a year: --source epw:FILE, not '%s'", spec);
     e = daylight_open(spec, &a->weather, why);
     if (!e && a->weather->scale != 1.0)
-        e = err_say(why, ERR_USAGE, "--annual measures in real units: without scale=");
+        e = err_say(why, ERR_USAGE, "--annual measures in real units: remove scale=");
     if (!e && a->desc.setup.environment.scale_stops != 0.0)
-        e = err_say(why, ERR_USAGE, "--annual measures in real units: without --scale");
+        e = err_say(why, ERR_USAGE, "--annual measures in real units: remove --scale");
     if (!e)
         e = annual_pictures_read(a, why);
     if (!e)
@@ -219,7 +218,7 @@ static enum err set_up_all(struct annual *a, struct reason *why)
         a->share = team_share(ranks);
         relighter_share(a->relighter, &a->share);
         if (ranks_broadcast(ranks, &resumed, sizeof(resumed)))
-            e = err_say(why, ERR_IO, "rank 0 does not answer any more");
+            e = err_say(why, ERR_IO, "rank 0 no longer answers");
         a->resumed = (size_t)resumed;
     }
     return e ? e : ranks_agree(ranks, relighter_prepare(a->relighter, &a->light, ranks_index(ranks) == 0, &ms), why);
@@ -367,7 +366,7 @@ static enum err run_year(struct annual *a, struct reason *why)
         if (!w->year.at[i].lit)
             annual_count(a, &w->year.at[i], NULL, NULL);
     if (a->resumed > 0 && first)
-        log_info("%s: %zu of %zu hours are there already", a->desc.folder, a->resumed, w->count);
+        log_info("%s: %zu of %zu hours are already done", a->desc.folder, a->resumed, w->count);
     progress_begin(&line, "a year of light", w->count, first ? stderr : NULL);
     for (size_t i = next_moment(a, SIZE_MAX); i < w->count && !e; i = e ? i : next_moment(a, i)) {
         e = run_moment(a, i, why);

@@ -1,5 +1,5 @@
 /* server/annual/annual.h */
-/* A year of light: every lit hour of a weather file lights a scene and its sensors, and the folder gets
+/* A year of light: lights a scene and its sensors for every daylit hour of a weather file, and writes to a folder
  *     hours.csv, illuminance.csv   a row for each lit hour (ledger.h)
  *     sensors.csv                  a row for each sensor: its measures
  *     summary.json, index.html     the measures of all sensors; a page with everything

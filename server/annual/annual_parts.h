@@ -1,5 +1,5 @@
 /* server/annual/annual_parts.h */
-/* Inside a year: what the files of this room share. Private. One thread. */
+/* Data and functions that the files of this room share. Private. One thread. */
 #ifndef ANNUAL_ANNUAL_PARTS_H
 #define ANNUAL_ANNUAL_PARTS_H
 

@@ -1,5 +1,5 @@
 /* server/annual/glare_view.h */
-/* Daylight glare probability of a fisheye view's pictures. Thread: one per object. */
+/* The daylight glare probability of a fisheye view's images. Thread: one per object. */
 #ifndef ANNUAL_GLARE_VIEW_H
 #define ANNUAL_GLARE_VIEW_H
 

@@ -200,7 +200,7 @@ enum err ledger_open(struct ledger *l, const char *folder, const struct digest *
 
     *l = (struct ledger){ .sensors = sensors };
     if (strlen(folder) >= sizeof(l->folder))
-        return err_say(why, ERR_USAGE, "--annual '%.100s...' is too long a name", folder);
+        return err_say(why, ERR_USAGE, "--annual '%.100s...': the name is too long", folder);
     strcpy(l->folder, folder);
     ledger_path(l->folder, "hours.csv", hours);
     ledger_path(l->folder, "illuminance.csv", lux);
@@ -208,10 +208,10 @@ enum err ledger_open(struct ledger *l, const char *folder, const struct digest *
     snprintf(text, sizeof(text), "%016" PRIx64 "%016" PRIx64 "\n", key->half[0], key->half[1]);
     const bool same = resume && is_same(run, text, &none);
     if (resume && !none && !same)
-        return err_say(why, ERR_USAGE,
-                       "--resume: %s has the tables of a run with another scene, weather, sensors or settings; "
-                       "without --resume it is replaced",
-                       folder);
+        return err_say(
+            why, ERR_USAGE,
+            "--resume: %s has tables for another scene, weather, sensors or settings; omit --resume to replace it",
+            folder);
     if (same)
         e = take_old(l, path, replay, self, why);
     if (!e && !l->hours)

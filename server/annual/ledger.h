@@ -1,6 +1,6 @@
 /* server/annual/ledger.h */
 /* The tables of a year: hours.csv, a row for each lit moment, and illuminance.csv, the same rows with a column for each
- * sensor. Rows are appended as they come, so that a killed run leaves whole rows. Thread: one. */
+ * sensor. Each row is appended as soon as it is computed, so that a killed run leaves whole rows. Thread: one. */
 #ifndef ANNUAL_LEDGER_H
 #define ANNUAL_LEDGER_H
 

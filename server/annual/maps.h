@@ -1,5 +1,5 @@
 /* server/annual/maps.h */
-/* Pictures of a year: values over day and hour, values of sensors in plan, luminance in false colour.
+/* Images of a year: heat maps over day and hour, values of sensors in plan, luminance in false colour.
  * Thread: any, on separate files. */
 #ifndef ANNUAL_MAPS_H
 #define ANNUAL_MAPS_H

@@ -1,5 +1,5 @@
 /* server/annual/paint.h */
-/* A picture of 8-bit sRGB to paint on: rectangles, capital letters and digits, a colour scale, PNG files.
+/* An 8-bit sRGB canvas to paint on: rectangles, capital letters and digits, a colour scale, PNG files.
  * Thread: one per canvas. */
 #ifndef ANNUAL_PAINT_H
 #define ANNUAL_PAINT_H

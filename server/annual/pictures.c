@@ -39,7 +39,7 @@ static enum err read_one(struct annual *a, const char *text, struct reason *why)
     int used = 0;
 
     if (sscanf(text, "%2u-%2uT%2u:%2u%n", &month, &day, &hour, &minute, &used) != 4 || text[used])
-        return err_say(why, ERR_USAGE, "--pictures: '%s' is not MM-DDTHH:MM, as 03-21T09:30; or seasons, or none",
+        return err_say(why, ERR_USAGE, "--pictures: '%s' is not MM-DDTHH:MM (such as 03-21T09:30), seasons or none",
                        text);
     if (hour > 23 || minute > 59)
         return err_say(why, ERR_USAGE, "--pictures: %s has no time of day; expected 00:00 to 23:59", text);

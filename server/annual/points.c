@@ -32,8 +32,8 @@ static enum err take_line(struct points *p, const char *path, unsigned number, c
         char *end;
         v[k] = strtod(at, &end);
         if (end == at || !isfinite(v[k]) || fabs(v[k]) > 1e7)
-            return err_say(why, ERR_FORMAT, "%s: line %u: number %d of x y z nx ny nz is missing or none", path, number,
-                           k + 1);
+            return err_say(why, ERR_FORMAT, "%s: line %u: number %d of x y z nx ny nz is missing or not a number", path,
+                           number, k + 1);
         at = end + strspn(end, " \t");
         at += k < 5 && *at == ',';
     }
@@ -41,7 +41,7 @@ static enum err take_line(struct points *p, const char *path, unsigned number, c
         return err_say(why, ERR_FORMAT, "%s: line %u: more than the six numbers x y z nx ny nz", path, number);
     length = sqrt(dot3(v + 3, v + 3));
     if (!(length > 1e-6))
-        return err_say(why, ERR_FORMAT, "%s: line %u: the normal has no length", path, number);
+        return err_say(why, ERR_FORMAT, "%s: line %u: the normal has zero length", path, number);
     const struct sensor s = { vec3_make((float)v[0], (float)v[1], (float)v[2]),
                               vec3_make((float)(v[3] / length), (float)(v[4] / length), (float)(v[5] / length)) };
     return add(p, &s, path, why);
@@ -67,7 +67,7 @@ static enum err read_file(const char *path, struct points *out, struct reason *w
     if (!e && ferror(f))
         e = err_say(why, ERR_IO, "%s: %s", path, strerror(errno));
     if (!e && out->count == 0)
-        e = err_say(why, ERR_FORMAT, "%s: there is no sensor; expected a line x y z nx ny nz for each", path);
+        e = err_say(why, ERR_FORMAT, "%s: there is no sensor; expected one line 'x y z nx ny nz' each", path);
     fclose(f);
     return e;
 }

@@ -1,5 +1,6 @@
 /* server/annual/points.h */
-/* Points of measurement. Thread: any, on separate objects. */
+/* The points of measurement (sensors): read from a file or laid out as a grid over a surface. Thread: any, on
+ * separate objects. */
 #ifndef ANNUAL_POINTS_H
 #define ANNUAL_POINTS_H
 

@@ -350,7 +350,7 @@ static void print_page(const struct annual *a, const struct measures_summary *m,
     if (a->glare)
         print_image(f, "year-glare.png", "Daylight glare probability of the view");
     print_image(f, "year-view.png", "Mean luminance of the view");
-    print_image(f, "year-open.png", "Horizontal illuminance in the open, of the weather file");
+    print_image(f, "year-open.png", "Outdoor horizontal illuminance, from the weather file");
     if (a->points.count > 0)
         fputs("<h2>Sensors</h2>\n", f);
     for (int k = 0; k < SENSOR_MEASURES && a->points.count > 0; k++)

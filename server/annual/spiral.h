@@ -1,5 +1,5 @@
 /* server/annual/spiral.h */
-/* Vogel's spiral: places of equal shares of a disc. Thread: any. */
+/* Vogel's spiral: sample points that divide a disc into equal areas. Thread: any. */
 #ifndef ANNUAL_SPIRAL_H
 #define ANNUAL_SPIRAL_H
 

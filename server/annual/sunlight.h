@@ -1,6 +1,6 @@
 /* server/annual/sunlight.h */
-/* The illuminance of sensors by the sun's disc alone, without reflections: what annual sunlight exposure counts.
- * Sixteen rays go to places all over the disc; panes of thin glass weight each by their transmittance, for luminance.
+/* The illuminance of sensors from the sun's disc alone, without reflections, as annual sunlight exposure requires.
+ * Sixteen rays are spread over the disc; panes of thin glass weight each by their transmittance, for luminance.
  * Thread: one; all OpenMP threads are used. */
 #ifndef ANNUAL_SUNLIGHT_H
 #define ANNUAL_SUNLIGHT_H

@@ -1,6 +1,6 @@
-/* The stated error. Audits a displayed picture d: traces few pixels again, independently of how the picture was made,
- * and so estimates its relMSE against the truth t, whatever d's error consists of: noise, a filter's or cache's bias,
- * samples in common.
+/* Estimates the error of a displayed image d: traces a few pixels again, independently of how the image was rendered,
+ * and compares them. The estimated relMSE against the truth t includes every kind of error: noise, a filter's or
+ * cache's bias, samples that pixels share.
  *
  * Pixel i is drawn with probability p_i, and its light estimated without bias four times, e1 to e4. They are
  * independent of each other and of d, so for each pair

@@ -1,5 +1,5 @@
-/* The light of single pixels by path tracing, for audit.h: from the G-buffer's shade points, like the picture, but with
- * code and random numbers of its own. Thread: any. */
+/* Path-traces the light of single pixels for audit.h, from the G-buffer's shade points like the image, but with
+ * separate code and random numbers. Thread: any. */
 #ifndef AUDIT_TRACE_H
 #define AUDIT_TRACE_H
 

@@ -1,5 +1,5 @@
 /* server/base/cancel.h */
-/* Cancelling long work: its owner sets a flag from any thread, the work asks for it now and then. */
+/* Cancels long computations: the owner sets a flag from any thread, and the computation checks it now and then. */
 #ifndef BASE_CANCEL_H
 #define BASE_CANCEL_H
 

@@ -261,7 +261,7 @@ static enum err read_whole(const struct setting *s, const char *text, void *valu
         return err_say(why, ERR_USAGE, "--%s '%s' is not a whole number from %" PRIu64 " to %" PRIu64, s->name, text,
                        least, most);
     if (s->type == SETTING_POWER && (v & (v - 1)))
-        return err_say(why, ERR_USAGE, "--%s '%s' is no power of two", s->name, text);
+        return err_say(why, ERR_USAGE, "--%s '%s' is not a power of two", s->name, text);
     setting_store_whole(s, values, s->scale > 0.0 ? v * (uint64_t)s->scale : v);
     return ERR_OK;
 }

@@ -152,7 +152,7 @@ void command_print_manual(const struct command *c)
     put_roff(c->synopsis);
     printf("\n.SH DESCRIPTION\n");
     put_roff(c->about);
-    printf("\n.SH OPTIONS\nA value follows its flag after a blank or an equals sign. Defaults are shown in "
+    printf("\n.SH OPTIONS\nA value follows its flag after a space or an equals sign. Defaults are shown in "
            "brackets.\n");
     put_manual_flags(c);
     printf(".SS \"All programs\"\n.TP\n\\fB\\-\\-help\\fR\nprint this help and exit\n.TP\n\\fB\\-\\-version\\fR\n"

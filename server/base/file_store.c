@@ -21,7 +21,7 @@ static enum err say_errno(struct reason *why, const char *path, const char *step
     char text[128];
 
     if (number == EPIPE && file_is_stdout(path))
-        return err_say(why, ERR_IO, "standard output: its reader has ended");
+        return err_say(why, ERR_IO, "standard output: the reader has closed it");
     if (file_is_stdout(path))
         path = "standard output";
     if (strerror_r(number, text, sizeof(text)) != 0)

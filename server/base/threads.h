@@ -1,5 +1,5 @@
 /* server/base/threads.h */
-/* Threads of libraries, and whether there can be any. */
+/* Prepares the threads of libraries (OpenMP, TBB, OpenBLAS) and tests whether the system can start them. */
 #ifndef BASE_THREADS_H
 #define BASE_THREADS_H
 

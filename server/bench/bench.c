@@ -245,7 +245,7 @@ static enum err make_picture(struct bench *b, struct reason *why)
         return err_say(why, ERR_NOMEM, "out of memory");
     const enum err e = relighter_run(b->relighter, b->environment, &b->light, b->rgb, &stats);
     if (e)
-        return err_say(why, e, "no picture could be made: %s", err_text(e));
+        return err_say(why, e, "no image could be made: %s", err_text(e));
     exposure_init(&exposure);
     b->gain = (float)exposure_step(&exposure, b->rgb, width, height, 1);
     tone_map(b->rgb, width, height, &(struct tone_desc){ .gain = (double)b->gain, .level = b->kernels->level },

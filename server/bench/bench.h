@@ -1,6 +1,7 @@
 /* server/bench/bench.h */
-/* Each stage of the pipeline, and the whole of it, against its bare limit in one process. Both are timed in turns and
- * the report has medians over the rounds, so that a noisy machine does not decide. Main thread. */
+/* Measures each stage of the pipeline, and the whole pipeline, against its bare limit in one process. Both are timed
+ * in turns, and the report has medians over the rounds, so that a noisy machine does not decide the result. Main
+ * thread. */
 #ifndef BENCH_BENCH_H
 #define BENCH_BENCH_H
 

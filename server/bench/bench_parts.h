@@ -1,5 +1,5 @@
 /* server/bench/bench_parts.h */
-/* What the rows share. Inside this room only; main thread. */
+/* Data and functions that the rows share. Private to this room; main thread. */
 #ifndef BENCH_BENCH_PARTS_H
 #define BENCH_BENCH_PARTS_H
 

@@ -1,5 +1,5 @@
-/* What the rows of the cache of light transport share: the first of them builds the cache. Inside this room only; main
- * thread. */
+/* The cache and the references that the rows of the light-transport cache share; the first row builds them. Private
+ * to this room; main thread. */
 #ifndef BENCH_CACHED_H
 #define BENCH_CACHED_H
 

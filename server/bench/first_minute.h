@@ -1,4 +1,4 @@
-/* One live picture of relight-bench --first-minute: a scene under a still sky, from the start of the process on.
+/* One live view of relight-bench --first-minute: a scene under a still sky, from the start of the process on.
  * Private to the room. Main thread. */
 #ifndef BENCH_FIRST_MINUTE_H
 #define BENCH_FIRST_MINUTE_H

@@ -224,7 +224,7 @@ enum err bench_cached_pipeline(struct bench *b, struct bench_row *row)
     e = bench_pipeline_rate(b, c->relighter, &c->light, row, &busy);
     snprintf(row->note, sizeof(row->note),
              "from EXR to JPEG, decode of the next, light of this and encoding of the "
-             "last at once; %s; %.3g ms of processor time a picture, which leaves room for %.3g a second on %d "
+             "last at once; %s; %.3g ms of processor time an image, which leaves room for %.3g a second on %d "
              "threads; targets: 640x360 with a bright part 30, 1280x720 with one 15, without 40",
              c->bright ? "the sky has a bright part" : "the sky has no bright part", 1e3 * busy, b->threads / busy,
              b->threads);

@@ -294,7 +294,7 @@ enum err bench_delivery(struct bench *b, struct bench_row *row)
         d.viewer[i] = d.bare[i] = d.ends[i] = -1;
     enum err e = make_bytes(&d, b);
     snprintf(row->note, sizeof(row->note),
-             "one picture of %zu bytes to %u viewers on this machine, until each has received it; bare: send and recv",
+             "one image of %zu bytes to %u viewers on this machine, until each has received it; bare: send and recv",
              d.size, viewers);
     if (!e && server_create(&(struct server_desc){ .port = 0 }, &d.server, &why))
         bench_skip(row, "%.150s", why.text);

@@ -37,7 +37,7 @@ enum err bench_tone(struct bench *b, struct bench_row *row)
     struct toning t = { .b = b, .values = 3 * (size_t)b->desc->width * b->desc->height };
     const struct bench_pair pair = { { tone_ours, tone_bare }, &t, .scale = { 1e3, 1e3 } };
 
-    snprintf(row->note, sizeof(row->note), "bare: a copy of the picture's floats, %.1f MB, by the same threads",
+    snprintf(row->note, sizeof(row->note), "bare: a copy of the image's floats, %.1f MB, by the same threads",
              1e-6 * (double)(t.values * sizeof(float)));
     t.copy = mem_alloc(t.values, sizeof(float));
     const enum err e = t.copy ? bench_time(b, &pair, row) : ERR_NOMEM;

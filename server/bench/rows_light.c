@@ -118,7 +118,7 @@ enum err bench_shadow_rays(struct bench *b, struct bench_row *row)
     uint64_t count;
 
     snprintf(row->note, sizeof(row->note),
-             "bare: rtcOccluded16 over the same packets of rays, an eighth of the picture; ours with all its shading");
+             "bare: rtcOccluded16 over the same packets of rays, an eighth of the image; ours with all its shading");
     enum err e = bench_part_create(b, &b->light.direct, &p, &count);
     const double rays = 1e-6 * (double)count;
     const struct bench_pair pair = { { shade_part, bench_part_replay }, p, .scale = { rays, rays }, .rate = true };

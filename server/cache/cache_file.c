@@ -177,7 +177,7 @@ static enum err open_plain(struct cache_reader *r, uint64_t *size, struct reason
         return errno == ENOENT || errno == ENOTDIR ? ERR_OK : say_errno(r, why, errno);
     if (fstat(fd, &st) != 0 || !S_ISREG(st.st_mode)) {
         close(fd);
-        return refuse(r, why, "is no plain file");
+        return refuse(r, why, "is not a regular file");
     }
     *size = (uint64_t)st.st_size;
     r->stream = fdopen(fd, "rb");
@@ -195,13 +195,13 @@ static enum err read_front(struct cache_reader *r, uint64_t size, struct reason 
     uint64_t rest = size;
 
     if (fread(&f->header, sizeof(f->header), 1, r->stream) != 1 || memcmp(f->header.magic, magic, sizeof(magic)) != 0)
-        return refuse(r, why, "is no file of tables");
+        return refuse(r, why, "is not a cache file");
     if (f->header.order != ORDER || f->header.version != VERSION)
-        return refuse(r, why, "is of another version of this program");
+        return refuse(r, why, "was written by another version of this program");
     if (f->header.sections > CACHE_SECTIONS ||
         fread(f->entries, sizeof(f->entries[0]), f->header.sections, r->stream) != f->header.sections ||
         f->header.check != front_check(f))
-        return refuse(r, why, "its beginning is damaged");
+        return refuse(r, why, "its header is damaged");
     rest -= front_size(f->header.sections);
     for (uint32_t k = 0; k < f->header.sections; k++) {
         if (f->entries[k].length > rest || f->entries[k].name[CACHE_NAME_ROOM - 1])
@@ -275,7 +275,8 @@ enum err cache_reader_find(struct cache_reader *r, const char *name, const struc
         if (strcmp(e->name, name) == 0) {
             if (memcmp(&e->key, key, sizeof(*key)) != 0)
                 return err_say(why, ERR_UNSUPPORTED,
-                               "%.200s: was made for another scene, view, size or seed, or in another way", r->path);
+                               "%.200s: was made for another scene, view, size or seed, or with other settings",
+                               r->path);
             if (fseeko(r->stream, (off_t)place, SEEK_SET) != 0)
                 return say_errno(r, why, errno);
             r->at = e;

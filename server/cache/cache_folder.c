@@ -132,7 +132,7 @@ enum err cache_folder_trim(const char *path, const char *keep, uint64_t more, ui
     struct entries all = { .count = 0 };
 
     if (more > limit)
-        return err_say(why, ERR_RANGE, "%.0f MB are more than the cache folder may hold (%.0f MB)", 1e-6 * (double)more,
+        return err_say(why, ERR_RANGE, "%.0f MB exceed the cache folder's limit (%.0f MB)", 1e-6 * (double)more,
                        1e-6 * (double)limit);
     DIR *folder = opendir(path);
     if (!folder)

@@ -1,7 +1,7 @@
 /* server/cache/cache_folder.h */
-/* The folder of --cache-dir, which several programs and users' services share: files of tables (cache_file.h) under
- * names that contain a digest of what they depend on. Its size is limited; the least recently used files go first.
- * Thread: any. */
+/* The folder of --cache-dir, which several programs and users' services share: files of tables (cache_file.h) whose
+ * names contain a digest of everything they depend on. Its size is limited; the least recently used files are deleted
+ * first. Thread: any. */
 #ifndef CACHE_CACHE_FOLDER_H
 #define CACHE_CACHE_FOLDER_H
 

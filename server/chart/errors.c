@@ -11,9 +11,9 @@ static const struct error_about kinds[ERROR_KINDS] = {
     [ERROR_NOISE] = { "noise", "noise alone (relMSE without bias)", -1.0,
                       "The part of that error that more samples reduce: how much two runs differ." },
     [ERROR_DELTA_E] = { "delta_e", "visible difference (mean delta E*ab)", -0.5,
-                        "How different the finished picture looks; 1 is just noticeable side by side, 5 is plain." },
+                        "How different the finished image looks; 1 is just noticeable side by side, 5 is plain." },
     [ERROR_FLIP] = { "flip", "perceived difference (mean FLIP)", -0.5,
-                     "The difference that is visible when the finished picture and the true one alternate, viewed at "
+                     "The difference that is visible when the finished image and the true one alternate, viewed at "
                      "67 "
                      "pixels per degree; 0 is none, 1 the largest." },
 };

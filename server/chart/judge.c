@@ -56,7 +56,7 @@ enum err judge_init(struct judge *j, const float *a, const float *b, const uint8
     j->weight = mem_alloc(values, sizeof(float));
     if (!j->mean || !j->weight) {
         judge_finish(j);
-        return err_say(why, ERR_NOMEM, "no memory to compare pictures of %ux%u", width, height);
+        return err_say(why, ERR_NOMEM, "no memory to compare images of %ux%u", width, height);
     }
     for (size_t v = 0; v < values; v++)
         j->mean[v] = 0.5f * (a[v] + b[v]);

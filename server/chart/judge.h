@@ -1,5 +1,5 @@
 /* server/chart/judge.h */
-/* The error of pictures against a truth that is known only through two references a and b, computed with different
+/* The error of images against a truth that is known only through two references a and b, computed with different
  * random numbers. With weights q = 1 / (r^2 + 1e-2 mean(r)^2), r = (a + b) / 2, the error of a picture x is
  *     mean(q (x - a)(x - b)),
  * whose expectation is that of relMSE against the truth: the noise of a and b is independent of each other and of x, so

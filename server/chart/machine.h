@@ -1,5 +1,5 @@
 /* server/chart/machine.h */
-/* Where and when measurements were made: times mean nothing without it. */
+/* The machine, date and build of a measurement, without which times mean nothing. */
 #ifndef CHART_MACHINE_H
 #define CHART_MACHINE_H
 

@@ -100,7 +100,7 @@ static enum err set_up(struct runs *r, struct reason *why)
     const size_t bytes = p->curve_count * p->budget_count * p->seeds * values_of(p) * sizeof(float);
     if (bytes > PICTURES_MAX)
         return err_say(why, ERR_RANGE,
-                       "the pictures of %zu techniques, %u budgets and %u seeds take %.1f GB, at most %.1f: "
+                       "the images of %zu techniques, %u budgets and %u seeds take %.1f GB, at most %.1f: "
                        "make them smaller, or fewer",
                        p->curve_count, p->budget_count, p->seeds, 1e-9 * (double)bytes, 1e-9 * (double)PICTURES_MAX);
     r->pictures = mem_alloc_raw(bytes, 1);
@@ -117,7 +117,7 @@ static enum err set_up(struct runs *r, struct reason *why)
         r->stage[k].decider = &r->decider[k];
     }
     if (e || !relighter || !r->jpeg || !r->display || !r->pictures || !p->mask)
-        return err_say(why, ERR_NOMEM, "no memory for the pictures of %zu techniques under %u seeds", p->curve_count,
+        return err_say(why, ERR_NOMEM, "no memory for the images of %zu techniques under %u seeds", p->curve_count,
                        p->seeds);
     resolve_mask(d->set->gbuffer, p->mask);
     return ERR_OK;

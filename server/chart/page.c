@@ -131,7 +131,7 @@ static void add_how_to_read(struct text *t)
 
     text_add(t,
              "<details class=\"card\"><summary>How to read this</summary>"
-             "<p>Every line is one way of lighting the picture. Time increases to the right, the error decreases "
+             "<p>Every line is one way of lighting the image. Time increases to the right, the error decreases "
              "downwards: <b>choose the lowest line at the time you have.</b> The shaded band about a line contains "
              "eight of ten runs with other random numbers. A line parallel to the dotted guide turns more time into "
              "proportionally more samples; one that becomes level has an error that no time removes.</p>"
@@ -167,7 +167,7 @@ static void add_machine(struct text *t, const struct page *p)
     snprintf(value, sizeof(value), "%d of %d processors, kernels of level %s", m->threads, m->processors, m->level);
     add_row(t, "threads", value);
     snprintf(value, sizeof(value), "%ux%u", q->width, q->height);
-    add_row(t, "pictures", value);
+    add_row(t, "images", value);
     snprintf(value, sizeof(value),
              "%u seeds a point; the runs of all methods take turns; one run of each before that "
              "does not count",
@@ -184,7 +184,7 @@ static void add_machine(struct text *t, const struct page *p)
              "a)(x - b) in proportion to brightness, so that the noise of the references cancels; no pixel that sees a "
              "surface is left out. It holds the whole pixel, while all methods but <code>path</code> and its like "
              "light one point of a plain pixel: the bias that is left to them at many samples is that. A method that "
-             "finds the sun once in many pictures looks dark and biased in most of "
+             "finds the sun once in many images looks dark and biased in most of "
              "them, and far too bright in the others.</p>"
              "<p>All numbers are in <a href=\"chart.csv\">chart.csv</a>, single runs in <a "
              "href=\"runs.csv\">runs.csv</a>.</p>");

@@ -59,7 +59,7 @@ static enum err add_thumb(struct text *t, const struct panel *p, const struct wi
     const uint32_t k = nearest_budget(p, c, w->seconds[MARK_MIDDLE]);
     const float *picture = c->pictures + (size_t)k * 3 * p->width * p->height;
 
-    text_add(t, "<figure%s><img alt=\"picture by %s\" src=\"",
+    text_add(t, "<figure%s><img alt=\"image by %s\" src=\"",
              w->by_error[MARK_MIDDLE] == (int)curve ? " class=\"first\"" : "", c->technique->name);
     enum err e = thumb_picture(t, jpeg, p, picture);
     text_add(t, "\"><img alt=\"its errors\" src=\"");
@@ -77,7 +77,7 @@ static enum err add_thumb(struct text *t, const struct panel *p, const struct wi
 
 static enum err add_strip(struct text *t, const struct panel *p, const struct winners *w, struct jpeg_encoder *jpeg)
 {
-    text_add(t, "<h3>Pictures and errors at about ");
+    text_add(t, "<h3>Images and errors at about ");
     add_figure(t, 1e3 * w->seconds[MARK_MIDDLE]);
     text_add(t, " ms</h3><div class=\"strip\"><figure><img alt=\"the truth\" src=\"");
     enum err e = thumb_picture(t, jpeg, p, p->judge.mean);
@@ -314,7 +314,7 @@ enum err page_add_panel(struct text *t, const struct panel *p, const struct winn
         add_notes(t, p, w);
         e = add_strip(t, p, w, jpeg);
         if (e)
-            e = err_say(why, e, "no memory for the page's pictures");
+            e = err_say(why, e, "no memory for the page's images");
     }
     text_add(t, "</section>");
     jpeg_encoder_destroy(jpeg);

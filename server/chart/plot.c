@@ -258,7 +258,7 @@ enum err plot_inline(struct text *t, const char *svg, const char *prefix, const 
     if (file.failed)
         e = err_say(why, ERR_NOMEM, "%s: no memory to read it", svg);
     else if (!begin || !strstr(begin, "</svg>"))
-        e = err_say(why, ERR_FORMAT, "%s: is no SVG picture: gnuplot has not finished it", svg);
+        e = err_say(why, ERR_FORMAT, "%s: is no SVG image: gnuplot has not finished it", svg);
     else
         add_svg(t, begin, prefix, label);
     text_finish(&file);

@@ -41,9 +41,9 @@ void buy_by_counts(const struct buy_facts *f, struct buy *out)
     if (!buy_is_allowed(f))
         answer(out, false, "--allow-bias does not permit its bias");
     else if ((f->indirect ? BUY_NOISE_INDIRECT : BUY_NOISE) / f->samples < bias_of(f))
-        answer(out, false, "so many samples have less error than its bias");
+        answer(out, false, "this many samples have less error than its bias");
     else if (out->break_even <= 0.0)
-        answer(out, false, "a frame by it takes as long");
+        answer(out, false, "a frame from it takes as long");
     else
         answer(out, true, "--allow-bias permits its bias");
 }
@@ -66,7 +66,7 @@ void buy_by_clock(const struct buy_facts *f, struct buy *out)
     else if (many)
         answer(out, true, "as many frames of 64 samples would have taken as long");
     else if (saved_s <= 0.0)
-        answer(out, false, "a frame by it takes as long");
+        answer(out, false, "a frame from it takes as long");
     else if (f->frames > 0 && (double)f->frames > out->break_even)
         answer(out, true, "more frames are to come");
     else if (f->frames > 0)

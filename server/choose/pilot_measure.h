@@ -1,6 +1,6 @@
 /* server/choose/pilot_measure.h */
-/* Groups of pixels spread over the picture, with the packets that hold their shade points, and error estimates for the
- * whole picture from two independent estimates of a group. Thread: one at a time; loops over pixels run on all OpenMP
+/* Groups of pixels spread over the image, with the packets that hold their shade points, and error estimates for the
+ * whole image from two independent estimates of a group. Thread: one at a time; loops over pixels run on all OpenMP
  * threads. */
 #ifndef CHOOSE_PILOT_MEASURE_H
 #define CHOOSE_PILOT_MEASURE_H

@@ -1,5 +1,5 @@
 /* server/choose/pilot_model.h */
-/* Predicts error and time of one technique for a part of the picture from its count n (samples or paths per point,
+/* Predicts error and time of one technique for a part of the image from its count n (samples or paths per point,
  * units of particles). Readings are few, noisy and grow old. Plain data; zeroed memory means no readings. Thread:
  * any. */
 #ifndef CHOOSE_PILOT_MODEL_H

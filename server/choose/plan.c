@@ -17,7 +17,7 @@ static void choose_caustics(const struct plan_facts *f, const struct plan_wish *
 {
     p->caustics = PLAN_NONE;
     if (!w->caustics) {
-        leave_out(p, "caustics: not asked for");
+        leave_out(p, "caustics: not requested");
     } else if (w->caustics_by == PLAN_NONE) {
         leave_out(p, "caustics: switched off");
     } else if (f->casters == 0) {
@@ -33,7 +33,7 @@ static void choose_indirect(const struct plan_facts *f, const struct plan_wish *
 {
     p->indirect = PLAN_NONE;
     if (!w->indirect) {
-        leave_out(p, "interreflection: not asked for");
+        leave_out(p, "interreflection: not requested");
     } else if (w->indirect_by == PLAN_NONE) {
         leave_out(p, "interreflection: switched off");
     } else if (w->indirect_by == PLAN_AUTO && f->albedo < ALBEDO_LEAST) {

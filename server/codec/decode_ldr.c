@@ -54,11 +54,11 @@ enum err decode_jpeg(const uint8_t *bytes, size_t size, const char *name, struct
         goto done;
     }
     if (width == 0) {
-        e = err_say(why, ERR_FORMAT, "%s: JPEG: it holds no picture", name);
+        e = err_say(why, ERR_FORMAT, "%s: JPEG: it contains no image", name);
         goto done;
     }
     e = colours == TJCS_CMYK || colours == TJCS_YCCK
-            ? err_say(why, ERR_UNSUPPORTED, "%s: a JPEG of printing inks (CMYK); convert it to RGB", name)
+            ? err_say(why, ERR_UNSUPPORTED, "%s: a CMYK JPEG; convert it to RGB", name)
             : begin(im, (uint64_t)width, (uint64_t)height, name, why);
     if (e)
         goto done;

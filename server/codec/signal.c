@@ -204,7 +204,7 @@ enum err signal_prepare(const struct signal_desc *d, const char *name, struct si
     double red = 0.0, blue = 0.0, m[9];
 
     if (d->depth < 8 || d->depth > 16)
-        return err_say(why, ERR_UNSUPPORTED, "%s: %u bits a component; 8 to 16 are supported", name, d->depth);
+        return err_say(why, ERR_UNSUPPORTED, "%s: %u bits per component; 8 to 16 are supported", name, d->depth);
     if (!xy)
         return err_say(why, ERR_UNSUPPORTED, "%s: its primaries (number %u of H.273) are not supported", name,
                        d->primaries);
@@ -215,10 +215,10 @@ enum err signal_prepare(const struct signal_desc *d, const char *name, struct si
     s->transfer = d->override != SIGNAL_AUTO ? d->override : find_transfer(d);
     s->transfer_assumed = d->override == SIGNAL_AUTO && d->transfer == UNSTATED;
     if (s->transfer == SIGNAL_AUTO)
-        return err_say(why, ERR_UNSUPPORTED,
-                       "%s: its transfer function (number %u of H.273) is not supported; --source-transfer names "
-                       "another",
-                       name, d->transfer);
+        return err_say(
+            why, ERR_UNSUPPORTED,
+            "%s: its transfer function (number %u of H.273) is not supported; set another with --source-transfer", name,
+            d->transfer);
     const enum err e = colour_to_rec709(xy, m);
     if (e)
         return err_say(why, e, "%s: its primaries are not valid", name);

@@ -92,7 +92,7 @@ static bool is_too_costly(struct shade_thread *t, struct set *set, const struct 
     if (seconds <= most || seconds <= picture_seconds(t, t->set, now))
         return false;
     set_destroy(set);
-    snprintf(why, sizeof(why), "its pictures would take some %.*f s each, more than the limit of %g s", seconds < 10.0,
+    snprintf(why, sizeof(why), "its images would take some %.*f s each, more than the limit of %g s", seconds < 10.0,
              seconds, most);
     give_up(t, why);
     return true;

@@ -64,15 +64,15 @@ static enum err read_token(const char *path, bool complain, char out[TOKEN_BYTES
     const size_t size = fread(out, 1, TOKEN_BYTES - 1, f);
     const bool more = size == TOKEN_BYTES - 1 && fgetc(f) != EOF;
     if (complain && fstat(fileno(f), &st) == 0 && (st.st_mode & 077))
-        log_warning("%s holds a token and is open to other users (mode %03o): run chmod 600 on it", path,
+        log_warning("%s holds a token that other users can access (mode %03o): run chmod 600 on it", path,
                     (unsigned)st.st_mode & 0777);
     fclose(f);
     out[size] = '\0';
     if (memchr(out, '\0', size))
-        return err_say(why, ERR_USAGE, "%s: holds a byte that no token has", path);
+        return err_say(why, ERR_USAGE, "%s: contains a byte that tokens cannot have", path);
     out[strcspn(out, "\r\n")] = '\0';
     if (more || !out[0])
-        return err_say(why, ERR_USAGE, "%s: its first line is no token of 1 to %d bytes", path, TOKEN_BYTES - 2);
+        return err_say(why, ERR_USAGE, "%s: its first line is not a token of 1 to %d bytes", path, TOKEN_BYTES - 2);
     return ERR_OK;
 }
 
@@ -125,7 +125,7 @@ static enum err try_key(const struct config *c, size_t index, struct reason *why
     why->text[0] = '\0';
     if (strcmp(config_key(c, index), "config") == 0 || strcmp(config_key(c, index), "check-config") == 0 ||
         strcmp(config_key(c, index), "show-link") == 0) {
-        e = config_add_location(c, index, err_say(why, ERR_USAGE, "it belongs on a command line"), why);
+        e = config_add_location(c, index, err_say(why, ERR_USAGE, "it works only on the command line"), why);
         goto done;
     }
     e = config_apply(c, index, &s->flags.command, why);
@@ -401,7 +401,7 @@ static void change_settings(struct settings_store *settings, const struct daemon
         s.error = n->error;
     }
     if (settings_cost_too_much(settings, &s, &why)) {
-        log_error("reload: %s; method, samples and paths stay", why.text);
+        log_error("reload: %s; method, samples and paths do not change", why.text);
         const struct settings now = settings_now(settings);
         s.method = now.method;
         s.samples = now.samples;
@@ -448,7 +448,7 @@ void daemon_config_reload(struct config_readings *r, struct settings_store *sett
     clock_gettime(CLOCK_MONOTONIC, &now);
     notify_send("RELOADING=1\nMONOTONIC_USEC=%" PRIu64, (uint64_t)now.tv_sec * 1000000 + (uint64_t)now.tv_nsec / 1000);
     if (reload(r, settings, server, &why))
-        log_error("reload: %s; all stays as it was", why.text);
+        log_error("reload: %s; nothing has changed", why.text);
     else
         log_info("reload: done");
     notify_send("READY=1");

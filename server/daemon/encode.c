@@ -17,7 +17,7 @@ void encode_publish(struct encode_thread *t, struct shaded *in, unsigned track, 
     struct picture *p = picture_create(&in->header, bytes, size);
 
     if (!p) {
-        log_error("no memory for a picture of %zu bytes", size);
+        log_error("no memory for an image of %zu bytes", size);
         return;
     }
     picture_set_track(p, track);
@@ -29,7 +29,7 @@ void encode_publish(struct encode_thread *t, struct shaded *in, unsigned track, 
 /* The producer must not wait for a picture that failed to encode. Does nothing after server_publish_for. */
 static void close_ticket(struct encode_thread *t, const struct shaded *in)
 {
-    server_frame_fate(t->shared->server, &in->ticket, SERVER_REFUSED, "its picture could not be encoded");
+    server_frame_fate(t->shared->server, &in->ticket, SERVER_REFUSED, "its image could not be encoded");
 }
 
 /* Exposure and tone curve for the picture; lockstep pictures use the initial settings. */
@@ -48,7 +48,7 @@ static double encode_jpeg(struct encode_thread *t, struct shaded *in, const uint
     size_t size;
 
     if (jpeg_encode(t->jpeg, display, width, height, quality, &bytes, &size)) {
-        log_error("a picture of %ux%u could not be encoded", width, height);
+        log_error("an image of %ux%u could not be encoded", width, height);
         return 0.0;
     }
     const double ms = 1e3 * (clock_seconds() - start);
@@ -319,7 +319,7 @@ enum err encode_thread_create(struct shared *shared, struct encode_thread **out,
     }
     if (!ok) {
         encode_thread_destroy(t);
-        return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", size->width, size->height);
+        return err_say(why, ERR_NOMEM, "no memory for images of %ux%u", size->width, size->height);
     }
     *out = t;
     return ERR_OK;

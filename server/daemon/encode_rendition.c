@@ -79,7 +79,7 @@ static void publish(struct encode_thread *t, const struct shaded *in, unsigned s
         picture_set_rendition(p, slot, r->serial);
         server_publish(t->shared->server, p);
     } else {
-        log_error("a picture for plain HTTP could not be encoded: %s", why.text[0] ? why.text : "out of memory");
+        log_error("an image for plain HTTP could not be encoded: %s", why.text[0] ? why.text : "out of memory");
     }
     mem_free(owned);
     mem_free(s.scratch);

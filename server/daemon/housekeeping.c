@@ -33,7 +33,7 @@ static void watch_picture(struct housekeeping_thread *t)
     if (1e-3 * (double)passed_ms <= limit_s)
         return;
     if (t->late_ms != begun_ms)
-        log_warning("a picture takes longer than %g s (--max-picture-seconds): fewer samples or a smaller size help",
+        log_warning("an image takes longer than %g s (--max-picture-seconds): fewer samples or a smaller size help",
                     limit_s);
     if (t->late_ms != begun_ms || t->turns % ALL_EVERY == 0)
         status_picture_late(&t->shared->status, 1e-3 * (double)passed_ms, t->late_ms != begun_ms);

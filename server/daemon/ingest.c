@@ -20,8 +20,8 @@ static enum err start_decoder(struct ingest_thread *t, struct reason *why)
     struct decoder_desc desc = c->decoder_desc;
 
     if (c->no_sandbox) {
-        log_warning("--no-sandbox: files from producers are decoded in this process; a file that exploits a decoder "
-                    "can end the server or take it over");
+        log_warning("--no-sandbox: files from producers are decoded in this process; a malicious file can crash the "
+                    "server or take it over");
         return ERR_OK;
     }
     desc.stop = t->shared->stop;

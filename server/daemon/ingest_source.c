@@ -75,7 +75,7 @@ static bool wants_frame(struct pull *p)
         return true;
     relight(p);
     if (p->ended && !p->reported_end && !p->failed && status_all_frames_done(status)) {
-        status_set_source(status, SERVER_ENDED, p->count == 1 ? "it is one picture" : "the last frame was shown");
+        status_set_source(status, SERVER_ENDED, p->count == 1 ? "it is one image" : "the last frame was shown");
         p->reported_end = true;
     }
     ingest_sleep_ms(PAUSE_POLL_MS);

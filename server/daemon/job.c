@@ -69,9 +69,9 @@ enum err job_lead(struct job *j, struct shared *s, struct shade_thread *shade, s
     if (!e)
         team_look_ahead(j->team, shade_thread_next, shade);
     if (!e)
-        log_info("%u ranks light the pictures of the first camera; those of others, and refinement of still ones, are "
-                 "rank 0's",
-                 ranks_count(s->ranks));
+        log_info(
+            "%u ranks light images of the first camera; rank 0 alone lights other cameras and refines still images",
+            ranks_count(s->ranks));
     return e;
 }
 
@@ -82,7 +82,7 @@ static enum err make(const struct shared *s, struct set **set, struct relighter 
     if (e)
         return e;
     *r = relighter_create(*set, s->config.setup.kernels);
-    return *r ? ERR_OK : err_say(why, ERR_NOMEM, "no memory for this rank's part of the pictures");
+    return *r ? ERR_OK : err_say(why, ERR_NOMEM, "no memory for this rank's part of the images");
 }
 
 enum err job_serve(struct job *j, struct shared *s, struct reason *why)

@@ -97,7 +97,8 @@ enum err links_print(const struct server_desc *desc, FILE *out, bool codes, stru
 
     l.tls = desc->tls_cert || (desc->behind_proxy && desc->public_names);
     if (desc->port == 0)
-        return err_say(why, ERR_USAGE, "--show-link: --port 0 is any free port, so there is no link before the start");
+        return err_say(why, ERR_USAGE,
+                       "--show-link: --port 0 takes any free port, so the link is unknown before the start");
     find_place(&l);
     print_page(&l, "viewer", tokens[SERVER_VIEWER]);
     const bool loopback = !desc->allow_remote;

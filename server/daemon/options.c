@@ -39,13 +39,13 @@ static const struct setting table[] = {
       AT(rate) },
     { "converge", "E", "refine a still image until its relMSE is E; off: no refinement", "3e-5", RENDERING,
       REAL(1e-9, 10.0), OR_WORD(off_choices), AT(converge.error) },
-    { "converge-passes", "N", "or until it has this many passes of --samples samples", "4096", RENDERING,
+    { "converge-passes", "N", "or until it has had this many passes of --samples samples", "4096", RENDERING,
       WHOLE(2, 1u << 20), AT(converge.passes) },
-    { "max-picture-seconds", "N", "refuse settings from controllers by which an image would take longer", "10",
-      RENDERING, REAL(0.1, 86400.0), AT(picture_s) },
-    { "part-floats", "F", "as a job of mpirun: numbers in which ranks send the light of their parts of an image",
-      "auto", RENDERING, .needs = NEEDS_MPI, CHOICE(part_choices), AT(part_floats) },
-    { "bind", "ADDRESS", "address to listen on; other than loopback only with tokens", "127.0.0.1", NETWORK, TEXT,
+    { "max-picture-seconds", "N", "refuse controllers' settings that would make an image take longer", "10", RENDERING,
+      REAL(0.1, 86400.0), AT(picture_s) },
+    { "part-floats", "F", "under mpirun: number format in which ranks send light", "auto", RENDERING,
+      .needs = NEEDS_MPI, CHOICE(part_choices), AT(part_floats) },
+    { "bind", "ADDRESS", "address to listen on; all but loopback need tokens", "127.0.0.1", NETWORK, TEXT,
       AT(server_desc.address) },
     { "port", "P", "port to listen on; 0: any free one", "8080", NETWORK, WHOLE(0, 65535), AT(server_desc.port) },
     { "tls-cert", "FILE",
@@ -53,7 +53,7 @@ static const struct setting table[] = {
       NETWORK, TEXT, AT(server_desc.tls_cert) },
     { "tls-key", "FILE", "its private key in PEM, without a password", NULL, NETWORK, TEXT, AT(server_desc.tls_key) },
     { "tls-self-signed", "DIR",
-      "HTTPS only, with a certificate for this machine's names and addresses, made and kept in DIR", NULL, NETWORK,
+      "HTTPS only, with a self-signed certificate for this machine's names and addresses, kept in DIR", NULL, NETWORK,
       TEXT },
     { "web", "DIR", "folder of the viewer page; default: the one installed with the program", NULL, NETWORK, TEXT,
       AT(server_desc.web_dir) },
@@ -75,15 +75,15 @@ static const struct setting table[] = {
       AT(server_desc.tokens[SERVER_RECORDER]), .reload = RELOAD_SERVER },
     { "token-metrics", "T", "token required to read /metrics; default: none on loopback, else the viewers' token", NULL,
       ACCESS, TEXT, AT(server_desc.token_metrics), .reload = RELOAD_SERVER },
-    { "token-viewer-file", "FILE", "file with that token, which then appears in no list of processes", NULL, ACCESS,
-      TEXT, .reload = RELOAD_SERVER },
+    { "token-viewer-file", "FILE", "file with that token, which keeps it out of process lists", NULL, ACCESS, TEXT,
+      .reload = RELOAD_SERVER },
     { "token-controller-file", "FILE", "file with that token", NULL, ACCESS, TEXT, .reload = RELOAD_SERVER },
     { "token-producer-file", "FILE", "file with that token", NULL, ACCESS, TEXT, .reload = RELOAD_SERVER },
     { "token-recorder-file", "FILE", "file with that token", NULL, ACCESS, TEXT, .reload = RELOAD_SERVER },
     { "token-metrics-file", "FILE", "file with that token", NULL, ACCESS, TEXT, .reload = RELOAD_SERVER },
     { "public-name", "NAMES",
-      "names by which browsers and clients reach this server from outside, separated by commas; localhost and its "
-      "addresses need none",
+      "names by which browsers and clients reach this server, separated by commas; not needed for localhost and "
+      "numeric addresses",
       NULL, ACCESS, TEXT, AT(server_desc.public_names), .reload = RELOAD_SERVER },
     { "embed-from", "ORIGINS",
       "sites whose pages may show /embed in a frame, such as https://example.org, separated by commas; default: none",
@@ -100,12 +100,12 @@ static const struct setting table[] = {
       WHOLE(1, MIB_MOST), .scale = 1 << 20, AT(server_desc.max_frame_bytes), .reload = RELOAD_SERVER },
     { "max-frame-side", "N", "longest side of such a frame in texels, up to 16384; memory grows with its square",
       "8192", ACCESS, WHOLE(1, IMAGE_MAX_SIDE), AT(max_side) },
-    { "decoder", "PROGRAM", "decodes what producers send; default: the relight-decoder installed with the program",
-      NULL, ACCESS, TEXT, AT(decoder_desc.program) },
+    { "decoder", "PROGRAM", "program that decodes producers' files; default: the installed relight-decoder", NULL,
+      ACCESS, TEXT, AT(decoder_desc.program) },
     { "decode-seconds", "N", "time limit for decoding one file", "10", ACCESS, REAL(0.1, 3600.0), AT(decode_seconds) },
-    { "no-sandbox", NULL, "decode what producers send in this process, where a bad file can do harm", NULL, ACCESS,
+    { "no-sandbox", NULL, "decode producers' files in this process, where a malicious file can do harm", NULL, ACCESS,
       SWITCH, AT(no_sandbox) },
-    { "log", "FORM", "form of the log on standard error", "plain", LOGS, CHOICE(log_forms), AT(log.form) },
+    { "log", "FORM", "format of the log on standard error", "plain", LOGS, CHOICE(log_forms), AT(log.form) },
     { "log-level", "LEVEL", "least important messages to log", "info", LOGS, CHOICE(log_levels), AT(log.level) },
     { "state", "DIR", "keep what controllers set in DIR/state.json across restarts", NULL, LOGS, TEXT, AT(state_dir) },
     { "config", "FILE", "JSON object whose keys are these flags without dashes; command-line flags override the file",
@@ -121,7 +121,7 @@ void daemon_flags_init(struct daemon_flags *f)
     f->command = (struct command){
         .name = "relightd",
         .synopsis = "[--scene FILE] [--source S] [flags]",
-        .about = "Lights a scene by a live stream of environment frames and shows it in a browser.\n"
+        .about = "Lights a scene with a live stream of environment maps and shows it in a browser.\n"
                  "Without flags: the built-in scene under a computed sky, on http://127.0.0.1:8080/",
         .epilogue_title = "keys of sky:, with their defaults",
         .epilogue = sky_help,
@@ -162,7 +162,7 @@ enum err daemon_config_from_flags(struct daemon_flags *f, struct daemon_config *
         e = setup_complete(s, why);
     s->initial.counted = command_given(c, "samples");
     if (!e && s->initial.error > 0.0 && (s->initial.counted || s->initial.method != METHOD_AUTO))
-        e = err_say(why, ERR_USAGE, "--error is for --method auto without --samples");
+        e = err_say(why, ERR_USAGE, "--error needs --method auto without --samples");
     if (e)
         return e;
     d->push = strcmp(s->source_desc.spec, "push:") == 0;

@@ -93,7 +93,7 @@ void probe_result(struct shade_thread *t)
     } while (asked.sky_alone && t->last);
     const bool other_view = t->set != t->first_set && !t->refine.known; /* a lockstep picture, by the first camera */
     if (!t->last || other_view || asked.x >= t->last->header.width || asked.y >= t->last->header.height) {
-        server_answer_probe(server, &asked, NULL, "there is no picture with such a pixel");
+        server_answer_probe(server, &asked, NULL, "there is no image with such a pixel");
         return;
     }
     const enum err e = report(t, &asked, &text);

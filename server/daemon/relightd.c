@@ -59,7 +59,7 @@ static void on_stop(int signal_number)
  * complete, and the network thread has notified every client. */
 static void on_alarm(int signal_number)
 {
-    static const char words[] = "relightd: warning: stopped in the middle of work that did not end\n";
+    static const char words[] = "relightd: warning: stopped while work was still running\n";
 
     (void)signal_number;
     if (write(STDERR_FILENO, words, sizeof(words) - 1) < 0)
@@ -171,7 +171,7 @@ static void tear_down(struct daemon *d)
     housekeeping_join(&d->housekeeping);
     d->left_behind = !publisher_destroy(s->publisher);
     if (d->left_behind)
-        log_warning("publishing did not end within its time and was left behind");
+        log_warning("publishing did not stop in time and was abandoned");
     state_close(&d->state);
     progress_show(stderr, "");
     server_destroy(s->server);

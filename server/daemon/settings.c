@@ -79,10 +79,10 @@ static enum err apply_effort(const struct server_control *c, const struct settin
     if (s->method == METHOD_AUTO)
         return ERR_OK;
     if (ASKED(c, error) && asked->error > 0.0)
-        return refuse(clause, "4.13.12", err_say(why, ERR_USAGE, "an error is for method auto, which estimates it"));
+        return refuse(clause, "4.13.12", err_say(why, ERR_USAGE, "error needs method auto, which estimates it"));
     if (ASKED(c, samples) && asked->samples == 0)
         return refuse(clause, "4.13.5",
-                      err_say(why, ERR_USAGE, "samples may be null with method auto alone, which chooses the count"));
+                      err_say(why, ERR_USAGE, "samples may be null only with method auto, which chooses the count"));
     s->error = 0.0;
     return ERR_OK;
 }
@@ -100,9 +100,9 @@ static enum err check_source_request(const struct settings_store *store, const s
     if (!which)
         return ERR_OK;
     if (store->config->push || store->source_kind == SOURCE_WATCH || store->source_kind == SOURCE_LIVE)
-        return refuse(clause, which, err_say(why, ERR_USAGE, "a live source cannot be moved to another frame"));
+        return refuse(clause, which, err_say(why, ERR_USAGE, "a live source cannot seek"));
     if (ASKED(c, step) && !s->paused)
-        return refuse(clause, "4.13.16", err_say(why, ERR_USAGE, "step is for a source that is paused"));
+        return refuse(clause, "4.13.16", err_say(why, ERR_USAGE, "step needs a paused source"));
     if (ASKED(c, seek) && store->source_length > 0 && s->seek >= store->source_length)
         return refuse(clause, "4.13.17",
                       err_say(why, ERR_USAGE, "seek must be below %llu, the number of frames",
@@ -150,7 +150,7 @@ bool settings_cost_too_much(struct settings_store *store, const struct settings 
     const double seconds = store->estimate(store->estimate_user, s), most = store->config->picture_s;
     if (seconds <= most || seconds <= store->estimate(store->estimate_user, &now))
         return false;
-    err_say(why, ERR_USAGE, "a picture would take some %.*f s, more than the limit of %g s", seconds < 10.0, seconds,
+    err_say(why, ERR_USAGE, "an image would take some %.*f s, more than the limit of %g s", seconds < 10.0, seconds,
             most);
     return true;
 }

@@ -8,10 +8,10 @@
 #include <math.h>
 #include <time.h>
 
-#define POLL_MS 30  /* how soon controls are noticed while no frame comes */
-#define PACE_MS 2   /* likewise while a picture is not due yet */
+#define POLL_MS 30       /* how soon controls are noticed while no frame comes */
+#define PACE_MS 2        /* likewise while a picture is not due yet */
 #define AUDIT_SHARE 0.05 /* of a picture's rays, to state its error */
-#define AGAIN_S 0.1 /* after a cancelled picture: how long to wait for its frame with the new settings */
+#define AGAIN_S 0.1      /* after a cancelled picture: how long to wait for its frame with the new settings */
 
 static bool is_stopping(const struct shade_thread *t)
 {
@@ -323,8 +323,7 @@ enum err shade_thread_create(struct shared *shared, struct shade_thread **out, s
     t->set = t->first_set;
     t->first_relighter = t->relighter = relighter_create(t->set, c->setup.kernels);
     if (!t->relighter || !lamps_create_canvas(t)) {
-        e = err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", c->setup.set_desc.width,
-                    c->setup.set_desc.height);
+        e = err_say(why, ERR_NOMEM, "no memory for images of %ux%u", c->setup.set_desc.width, c->setup.set_desc.height);
         goto failed;
     }
     *out = t;

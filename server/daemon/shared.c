@@ -8,7 +8,7 @@ enum err shared_init(struct shared *s, struct reason *why)
     status_init(&s->status, s);
     if (frame_slots_init(&s->frames, &s->config, s->ranks ? HANDOFF_SLOTS_EARLY : HANDOFF_SLOTS) ||
         picture_slots_init(&s->pictures, width, height))
-        return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", width, height);
+        return err_say(why, ERR_NOMEM, "no memory for images of %ux%u", width, height);
     return ERR_OK;
 }
 

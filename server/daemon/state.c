@@ -66,7 +66,7 @@ static enum err take_views(struct state_file *f, json_t *views, struct reason *w
     json_object_foreach(views, name, view) if (!e) e =
         json_is_string(view) && strlen(name) < sizeof(((struct saved_view *)0)->name)
             ? settings_save_view(f->settings, name, json_string_value(view), why)
-            : err_say(why, ERR_FORMAT, "'%.80s' is no saved view", name);
+            : err_say(why, ERR_FORMAT, "'%.80s' is not a saved view", name);
     return e;
 }
 
@@ -110,7 +110,7 @@ static enum err read_file(const char *path, char **out, struct reason *why)
     mem_free(text);
     if (!text)
         return err_say(why, ERR_NOMEM, "no memory to read it");
-    return err_say(why, ERR_FORMAT, failed ? "cannot be read" : "is no text of at most %d bytes", STATE_MOST);
+    return err_say(why, ERR_FORMAT, failed ? "cannot be read" : "is not text of at most %d bytes", STATE_MOST);
 }
 
 /* Applies the settings in the file, or says why not. stale: the command line has changed since they were written. */
@@ -126,7 +126,7 @@ static enum err take(struct state_file *f, const char *text, bool *stale, struct
         return err_say(why, ERR_FORMAT, "line %d: %s", error.line, error.text);
     const json_t *written = json_object_get(all, "said");
     if (json_integer_value(json_object_get(all, "state")) != STATE_VERSION || !written) {
-        e = err_say(why, ERR_FORMAT, "it is no state of version %d", STATE_VERSION);
+        e = err_say(why, ERR_FORMAT, "it is not a state file of version %d", STATE_VERSION);
     } else {
         initial = initial_fields(f);
         *stale = initial && !json_equal(initial, written);
@@ -167,17 +167,17 @@ void state_open(struct state_file *f, const struct daemon_config *config, struct
     snprintf(f->default_camera, sizeof(f->default_camera), "%s", default_camera);
     snprintf(f->path, sizeof(f->path), "%s/state.json", f->config->state_dir);
     if ((mkdir(f->config->state_dir, 0700) != 0 && errno != EEXIST) || access(f->config->state_dir, W_OK | X_OK) != 0)
-        log_warning("--state %s: cannot be written to: %s; what is set now will not come back", f->config->state_dir,
-                    strerror(errno));
+        log_warning("--state %s: cannot be written to: %s; settings made now will be lost at the next start",
+                    f->config->state_dir, strerror(errno));
     enum err e = read_file(f->path, &f->text, &why);
     if (!e && f->text)
         e = take(f, f->text, &stale, &why);
     if (e)
-        log_warning("%s: %s; it begins as the command line says", f->path, why.text);
+        log_warning("%s: %s; starting with the command line's settings", f->path, why.text);
     else if (stale)
-        log_info("%s: the command line has changed since: it begins as that says", f->path);
+        log_info("%s: the command line has changed since; starting with its settings", f->path);
     else if (f->text)
-        log_info("%s: what was set before is in force again", f->path);
+        log_info("%s: the previous settings are restored", f->path);
     if (!e && !stale && f->text) /* a picture was finished by it, else it would not be in the file */
         settings_set_proven(settings, settings_now(settings).light_version);
     if (!f->text)

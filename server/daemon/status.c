@@ -213,7 +213,7 @@ static void note_plan(struct server_figures *f, const struct picture_report *rep
 
     f->paths[0] = f->left_out[0] = '\0';
     if (report->light->classes & PATH_DIRECT)
-        append(f->paths, size, between, "direct light%s", s->direct.sun ? " with the sun apart" : "");
+        append(f->paths, size, between, "direct light%s", s->direct.sun ? " with a separate sun" : "");
     if (pilot && pilot->part[PILOT_DIRECT].n > 0.0)
         append(f->paths, size, between, "%.0f samples a point of %s", pilot->part[PILOT_DIRECT].n,
                pilot->part[PILOT_DIRECT].name);
@@ -453,7 +453,7 @@ void status_line(struct status_board *b, uint32_t viewers, char *text, size_t si
     text[0] = '\0';
     if (!f.loaded || f.used == 0)
         return;
-    append(text, size, "", "%.1f pictures/s, %u viewer%s", f.fps, viewers, viewers == 1 ? "" : "s");
+    append(text, size, "", "%.1f images/s, %u viewer%s", f.fps, viewers, viewers == 1 ? "" : "s");
     if (f.error > 0.0)
         append(text, size, ", ", "error %.1e", f.error);
     else if (f.error_at_most > 0.0)
@@ -478,7 +478,7 @@ void status_sentence(struct status_board *b, uint32_t viewers, char *text, size_
     else if (f.source == SERVER_FAILED)
         snprintf(text, size, "Showing an older frame to %u viewers: %s.", viewers, f.detail);
     else
-        snprintf(text, size, "Showing frame %llu of %s to %u viewers, %.3g pictures a second.",
+        snprintf(text, size, "Showing frame %llu of %s to %u viewers, %.3g images a second.",
                  (unsigned long long)f.frame, f.sky, viewers, f.fps);
     for (char *p = text; *p; p++) /* a line end would start another assignment of the notify protocol */
         *p = *p == '\n' ? ' ' : *p;

@@ -93,7 +93,7 @@ double status_shading_excess_ms(struct status_board *b);
 /* The targets of live pictures. */
 void status_set_publish(struct status_board *b, const struct server_publish *targets, uint32_t count);
 
-/* For the terminal: "29.8 pictures/s, 3 viewers, error 2.1e-04, cache 34 %"; "" before the first picture. */
+/* For the terminal: "29.8 images/s, 3 viewers, error 2.1e-04, cache 34 %"; "" before the first picture. */
 void status_line(struct status_board *b, uint32_t viewers, char *text, size_t size);
 /* The computed share of a light transport cache, 0 to 1; 0: there is none. */
 double status_cache_share(struct status_board *b);

@@ -121,7 +121,7 @@ static enum err take_header(char **text, struct line *l, struct epw *out, struct
 
     if (!next_line(text, l) || strcmp(l->fields[0], "LOCATION") != 0)
         return err_say(why, ERR_FORMAT,
-                       "%s: line 1: expected LOCATION and the place; this is no EnergyPlus weather file", l->file);
+                       "%s: line 1: expected LOCATION and the place; this is not an EnergyPlus weather file", l->file);
     e = take_location(l, out, why);
     while (!e) {
         if (!next_line(text, l))
@@ -201,7 +201,7 @@ static enum err take_records(char **text, struct line *l, struct epw *out, struc
         return err_say(why, ERR_FORMAT, "%s: line %u: the file ends after the header, without weather", l->file,
                        l->number);
     if (out->count > 60 * 366 * 24)
-        return err_say(why, ERR_RANGE, "%s: %zu records are more than a year has", l->file, out->count);
+        return err_say(why, ERR_RANGE, "%s: %zu records are more than one year", l->file, out->count);
     spread_hour(out);
     return ERR_OK;
 }
@@ -254,7 +254,7 @@ static enum err read_text(const char *path, char **text, size_t *size, struct re
         if (ferror(f))
             e = err_say(why, ERR_IO, "%s: %s", path, strerror(errno));
         else if (*size > FILE_MAX)
-            e = err_say(why, ERR_RANGE, "%s: larger than 64 MB: this is no weather file", path);
+            e = err_say(why, ERR_RANGE, "%s: larger than 64 MB: this is not a weather file", path);
     }
     fclose(f);
     return e;

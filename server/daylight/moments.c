@@ -194,7 +194,7 @@ enum err moments_choose(const struct epw *w, const struct moments_desc *desc, co
 
     *out = (struct moments){ .leap = drop_leap_days(&year) };
     enum err e = year.count > 0 ? check_order(&year, name, why)
-                                : err_say(why, ERR_FORMAT, "%s: there is no weather but that of 29 February", name);
+                                : err_say(why, ERR_FORMAT, "%s: it has no weather except for 29 February", name);
     if (!e)
         e = choose(&year, desc, name, out, why);
     if (e)

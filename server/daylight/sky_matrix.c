@@ -99,7 +99,7 @@ static enum err take_values(const char *path, FILE *f, const struct matrix_head 
                     return err_say(why, ERR_FORMAT, "%s: ends, or has no number, at row %zu, column %zu, from 0", path,
                                    i, j);
                 if (!(*v >= 0.0f && *v < 1e9f))
-                    return err_say(why, ERR_FORMAT, "%s: row %zu, column %zu, from 0: %g is no radiance", path, i, j,
+                    return err_say(why, ERR_FORMAT, "%s: row %zu, column %zu, from 0: %g is not a radiance", path, i, j,
                                    (double)*v);
             }
     float more;

@@ -69,8 +69,7 @@ int decoder_serve(int argc, char **argv, const struct decoder_work *work)
 
     if (argc != 4 || sscanf(argv[1], "%llu", &file_bytes) != 1 || sscanf(argv[2], "%llu", &picture_bytes) != 1 ||
         sscanf(argv[3], "%llu", &memory_bytes) != 1 || picture_bytes < 3 * sizeof(float) * IMAGE_MAX_TEXELS) {
-        fprintf(stderr,
-                "this program is started by others of relightd to decode images or video; it cannot be used alone.\n");
+        fprintf(stderr, "other relightd programs start this one to decode images or video; it cannot be used alone.\n");
         return argc == 2 && strcmp(argv[1], "--help") == 0 ? 0 : 2;
     }
     const uint8_t *file = mmap(NULL, (size_t)file_bytes, PROT_READ, MAP_SHARED, WIRE_FILE, 0);

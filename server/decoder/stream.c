@@ -143,7 +143,7 @@ static enum err next_picture(struct stream *s, const struct wire_request *q, str
     if (got == AVERROR(EAGAIN) || got == AVERROR_EOF)
         return ERR_OK;
     if (got < 0)
-        return err_say(&a->why, got == AVERROR(ENOMEM) ? ERR_NOMEM : ERR_FORMAT, "%s: a picture cannot be decoded: %s",
+        return err_say(&a->why, got == AVERROR(ENOMEM) ? ERR_NOMEM : ERR_FORMAT, "%s: a frame cannot be decoded: %s",
                        q->name, error_text(got, text));
     av_frame_unref(s->picture);
     av_frame_move_ref(s->picture, s->next);
@@ -187,7 +187,7 @@ static enum err flush(struct stream *s)
 static enum err convert(struct stream *s, const struct wire_request *q, struct image *im, struct wire_answer *a)
 {
     if (s->picture->width <= 0)
-        return err_say(&a->why, ERR_FORMAT, "%s: no picture was decoded", q->name);
+        return err_say(&a->why, ERR_FORMAT, "%s: no frame was decoded", q->name);
     const enum err e = texels_convert(&s->texels, s->picture, q->name, im, &a->why);
     if (!e) {
         a->picture = s->texels.signal->transfer;
@@ -205,7 +205,7 @@ enum err stream_work(void *context, const struct wire_request *q, const uint8_t 
     if (q->kind == WIRE_STREAM)
         return begin(s, q, bytes, &a->why);
     if (!s->codec)
-        return err_say(&a->why, ERR_FORMAT, "%s: no stream was begun", q->name);
+        return err_say(&a->why, ERR_FORMAT, "%s: no stream was started", q->name);
     switch (q->kind) {
     case WIRE_PACKET: return take_packet(s, q, bytes, a);
     case WIRE_NEXT: return next_picture(s, q, a);

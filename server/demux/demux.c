@@ -110,7 +110,7 @@ enum err demux_kind_of(const char *spec, enum demux_kind *out, struct reason *wh
             *out = DEMUX_LIVE;
     if (scheme && *out == DEMUX_NOTHING)
         return err_say(why, ERR_USAGE,
-                       "%.120s: %.*s:// is no source; sources are " DEMUX_SCHEMES
+                       "%.120s: %.*s:// is not a source; sources are " DEMUX_SCHEMES
                        ", files, folders, patterns, watch:DIR and sky:",
                        spec, (int)(scheme < 20 ? scheme : 20), spec);
     if (scheme)
@@ -206,7 +206,7 @@ static enum err receive(struct demux *d, int64_t until_ms, struct demux_answer *
     case CHILD_GARBLED: a->magic = 0; break;
     }
     if (a->magic != DEMUX_MAGIC || a->result < ERR_OK || a->result > ERR_END || a->size > MEMORY_BYTES)
-        return err_say(why, ERR_FORMAT, "%s: " PROGRAM " is not the one of this version", d->name);
+        return err_say(why, ERR_FORMAT, "%s: " PROGRAM " is from another version", d->name);
     if (a->result == ERR_OK || a->result == ERR_END)
         return (enum err)a->result;
     return err_say(why, (enum err)a->result, "%s: %s", d->name,
@@ -239,7 +239,7 @@ static enum err ask_open(struct demux *d, const char *url, struct reason *why)
         return err_say(why, ERR_USAGE, "%s: the URL is longer than %zu characters", d->name, sizeof(q.url) - 1);
     memcpy(q.url, url, strlen(url) + 1);
     if (!send_request(d, &q))
-        return err_say(why, ERR_IO, "%s: " PROGRAM " ended before it was asked", d->name);
+        return err_say(why, ERR_IO, "%s: " PROGRAM " ended before its first request", d->name);
     while (!e && quiet)
         e = receive(d, d->until_ms, &d->first, &quiet, why);
     if (!e && d->first.kind != DEMUX_FORMAT)
@@ -257,7 +257,7 @@ static enum err check_trust(const char *spec, const char *ca, struct reason *why
     if (!any && starts_with(spec, "rtsps://"))
         return err_say(why, ERR_UNSUPPORTED,
                        "%s: libavformat cannot verify the certificate of an rtsps:// source; in a network that you "
-                       "trust, accept any by --source-ca " DEMUX_ANY_CA,
+                       "trust, accept any with --source-ca " DEMUX_ANY_CA,
                        demux_name(spec, name, sizeof(name)));
     if (ca && !any && access(ca, R_OK) != 0)
         return err_say(why, ERR_USAGE, "--source-ca %s: cannot be read: %s", ca, strerror(errno));

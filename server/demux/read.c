@@ -72,11 +72,11 @@ static enum err say_failed(const struct reading *r, struct demux_answer *a, cons
 
     if (untrusted)
         return err_say(&a->why, ERR_UNSUPPORTED,
-                       "its certificate is not trusted (%s): name a PEM file with the authority that signed it by "
-                       "--source-ca, or accept any by --source-ca " DEMUX_ANY_CA,
+                       "its certificate is not trusted (%s): use --source-ca to name a PEM file with the authority "
+                       "that signed it, or accept any with --source-ca " DEMUX_ANY_CA,
                        complaint);
     if (refused && r->desc.file && strstr(complaint, "Format not on whitelist"))
-        return err_say(&a->why, ERR_FORMAT, "it is no video that this program reads, whatever its name says");
+        return err_say(&a->why, ERR_FORMAT, "it is not a video that this program can read, whatever its name says");
     if (refused)
         return err_say(
             &a->why, ERR_UNSUPPORTED,
@@ -84,7 +84,7 @@ static enum err say_failed(const struct reading *r, struct demux_answer *a, cons
             "no files)",
             complaint);
     if (code == AVERROR_INVALIDDATA)
-        return err_say(&a->why, ERR_FORMAT, "no video that this program reads%s%s", complaint[0] ? ": " : "",
+        return err_say(&a->why, ERR_FORMAT, "not a video that this program can read%s%s", complaint[0] ? ": " : "",
                        complaint);
     av_make_error_string(text, sizeof(text), code);
     const enum err e = code == AVERROR(ENOMEM) ? ERR_NOMEM : ERR_IO;
@@ -252,7 +252,7 @@ static uint8_t find_layout(const AVStream *st, char note[160])
         return LAYOUT_AUTO;
     if (m->yaw || m->pitch || m->roll)
         snprintf(note, 160,
-                 "its spherical metadata turn the picture by %d, %d and %d degrees, which are ignored: use --rotate",
+                 "its spherical metadata turn the image by %d, %d and %d degrees, which are ignored: use --rotate",
                  m->yaw / 65536, m->pitch / 65536, m->roll / 65536);
     if (m->projection == AV_SPHERICAL_EQUIRECTANGULAR)
         return LAYOUT_LATLONG;
@@ -340,11 +340,11 @@ enum err reading_open(struct reading *r, const char *url, struct demux_answer *a
     int code = e ? 0 : open_context(r, url, format, &options);
     av_dict_free(&options);
     if (!e && code < 0)
-        return say_failed(r, a, r->desc.file ? "no video that this program reads" : "cannot be opened", code);
+        return say_failed(r, a, r->desc.file ? "not a video that this program can read" : "cannot be opened", code);
     if (!e)
         code = avformat_find_stream_info(r->context, NULL);
     if (!e && code < 0)
-        return say_failed(r, a, "its format cannot be found out", code);
+        return say_failed(r, a, "its format cannot be determined", code);
     if (!e)
         e = choose_stream(r, a);
     return e ? e : hand_on_format(r, a);
@@ -429,5 +429,5 @@ enum err reading_seek(struct reading *r, int64_t time_us, struct demux_answer *a
                              AVSEEK_FLAG_BACKWARD);
     if (code < 0) /* for streams without an index, from the start */
         code = av_seek_frame(r->context, -1, 0, AVSEEK_FLAG_BYTE);
-    return code < 0 ? err_say(&a->why, ERR_UNSUPPORTED, "it cannot be read from another place") : ERR_OK;
+    return code < 0 ? err_say(&a->why, ERR_UNSUPPORTED, "it cannot seek") : ERR_OK;
 }

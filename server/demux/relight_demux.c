@@ -82,7 +82,7 @@ int main(int argc, char **argv)
     unsigned long long bytes;
 
     if (argc != 4 || sscanf(argv[1], "%llu", &bytes) != 1) {
-        fprintf(stderr, "this program is started by others of relightd to read video; it cannot be used alone.\n");
+        fprintf(stderr, "other relightd programs start this one to read video; it cannot be used alone.\n");
         return argc == 2 && strcmp(argv[1], "--help") == 0 ? 0 : 2;
     }
     d.packet_bytes = (size_t)bytes;

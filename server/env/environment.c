@@ -25,7 +25,7 @@ struct environment_rest {
 };
 
 const struct setting_choice importance_choices[] = {
-    { "luminance", IMPORTANCE_LUMINANCE, "what the eye sees", 0 },
+    { "luminance", IMPORTANCE_LUMINANCE, "perceived brightness", 0 },
     { "mean", IMPORTANCE_MEAN, "mean of red, green and blue", 0 },
     { "max", IMPORTANCE_MAX, "largest of red, green and blue: less noise in saturated colours", 0 },
     { NULL, 0, NULL, 0 },
@@ -468,12 +468,12 @@ void environment_warn_clipped(const struct environment *e, bool *warned)
         return;
     *warned = true;
     if (stretched)
-        log_warning("%s: %ux%u is not 2:1, the shape of a lat-long image: it is stretched", e->name, e->image.width,
-                    e->image.height);
+        log_warning("%s: %ux%u is not 2:1, the aspect ratio of a lat-long image: it is stretched", e->name,
+                    e->image.width, e->image.height);
     if (e->image.faults.clipped == 0 && !e->image.low_range)
         return;
     if (e->image.low_range) {
-        log_warning("%s: not HDR: what is brighter than white, such as the sun, is clipped", e->name);
+        log_warning("%s: not HDR: values brighter than white, such as the sun, are clipped", e->name);
         return;
     }
     log_warning("%s: %" PRIu64 " values are 65504, the largest half float: the capture may have been clipped. "

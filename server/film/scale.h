@@ -1,5 +1,5 @@
-/* A picture at a smaller size: each new pixel is the mean of the area that it covers, in linear light, so that fine
- * bright detail keeps its energy. Pictures are [height][width][3], top row first. Thread: any, one per struct scaler.
+/* Scales an image down: each new pixel is the mean of the area that it covers, in linear light, so that fine bright
+ * detail keeps its energy. Pictures are [height][width][3], top row first. Thread: any, one per struct scaler.
  */
 #ifndef FILM_SCALE_H
 #define FILM_SCALE_H

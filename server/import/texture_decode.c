@@ -52,7 +52,7 @@ static enum err decode_jpeg(const void *bytes, size_t count, enum texture_values
         e = err_say(why, ERR_FORMAT, "%s: JPEG: %s", name, tjGetErrorStr2(tj));
         goto done;
     }
-    e = width < 1 || height < 1 ? err_say(why, ERR_FORMAT, "%s: JPEG: it holds no picture", name)
+    e = width < 1 || height < 1 ? err_say(why, ERR_FORMAT, "%s: JPEG: it contains no image", name)
                                 : check_size((uint64_t)width, (uint64_t)height, name, why);
     if (!e)
         e = texture_init(out, (uint32_t)width, (uint32_t)height, values);

@@ -1,4 +1,4 @@
-/* Which pixels of a picture changed since the one before, exactly, and what was computed for their light. */
+/* Finds exactly which pixels changed since the previous image, and what was computed for their light. */
 #ifndef LIGHT_CHANGES_H
 #define LIGHT_CHANGES_H
 

@@ -84,7 +84,7 @@ void decide(const struct decider *d, const struct frame_request *request, struct
         out->why = d->cache.ready ? d->cache.last.why : "the method was named";
     } else if (!is_measured(request)) {
         out->by = DECIDED_BY_RULE;
-        out->why = "counts of samples were given";
+        out->why = "sample counts were given";
     } else if (d->cache.ready && cache_may_serve(request->light)) {
         out->by = DECIDED_BY_CACHE;
         out->why = d->cache.last.why;
@@ -93,11 +93,11 @@ void decide(const struct decider *d, const struct frame_request *request, struct
         out->light.remember = request->background;
     } else if (is_first(d, request)) {
         out->by = DECIDED_BY_RULE;
-        out->why = "few samples, denoised, until the cache is there";
+        out->why = "few samples, denoised, until the cache is ready";
         out->light = denoised(d, request->light);
     } else {
         out->by = DECIDED_BY_MEASURES;
-        out->why = "a time or an error was given";
+        out->why = "a time or error limit was given";
     }
 }
 
@@ -134,7 +134,7 @@ enum err decider_prepare(struct decider *d, struct relighter *r, double allow_bi
         buy_by_counts(&f, answer);
     if (!answer->yes)
         return relighter_prepare(r, light, progress, ms);
-    log_info("auto: frames by the cache of light transport, which pays off after %.0f", ceil(answer->break_even));
+    log_info("auto: frames use the cache of light transport, which pays off after %.0f", ceil(answer->break_even));
     cached.direct.samples = light->direct.samples;
     cached.direct.why = &why;
     const enum err e = relighter_prepare(r, &cached, progress, ms);
@@ -211,7 +211,7 @@ static void get_cache(struct decider *d, struct relighter *r, const struct frame
     const enum err e = relighter_prepare(r, &cached, true, &ms);
     const double share = relighter_follow(r);
     if (e)
-        log_warning("%s; auto goes on without it", why.text[0] ? why.text : err_text(e));
+        log_warning("%s; auto continues without it", why.text[0] ? why.text : err_text(e));
     d->cache.share = share;
     d->cache.refused = e || (!if_kept && share == 0.0 && !request->background);
     d->cache.begun = !d->cache.refused && (share > 0.0 || !if_kept);

@@ -55,7 +55,7 @@ static void tell_end(const struct transport *t, double seconds)
 {
     const struct transport_stats *s = transport_stats(t);
 
-    log_info("light transport: computed in %.1f s beside the pictures, %.0f MB; %u of %u packets have lobes narrower "
+    log_info("light transport: computed in the background in %.1f s, %.0f MB; %u of %u packets have lobes narrower "
              "than its cells",
              seconds, 1e-6 * (double)s->bytes, s->narrow, s->packets);
 }
@@ -89,7 +89,7 @@ static void build_quick_bounce(struct relight_builder *b)
     d.quick = true;
     d.progress = &b->progress[QUICK];
     if (bounce_create(&d, b->kernels, &made, &why) == ERR_OK && made)
-        log_info("interreflection: there roughly after %.1f s", clock_seconds() - start);
+        log_info("interreflection: a rough version is ready after %.1f s", clock_seconds() - start);
     publish(b, made);
     atomic_store(&b->ended[QUICK], true);
 }
@@ -106,8 +106,8 @@ static void build_whole_bounce(struct relight_builder *b)
     if (e)
         refuse_bounce(b, why.text);
     if (made)
-        log_info("interreflection: computed in %.1f s beside the pictures, %.0f MB, %u records",
-                 clock_seconds() - start, 1e-6 * (double)bounce_stats(made)->bytes, bounce_stats(made)->records);
+        log_info("interreflection: computed in the background in %.1f s, %.0f MB, %u records", clock_seconds() - start,
+                 1e-6 * (double)bounce_stats(made)->bytes, bounce_stats(made)->records);
     b->whole = made;
     if (made && !b->loaded)
         relight_keep_save(&b->keep, NULL, made, &b->described);
@@ -143,7 +143,7 @@ static void build_coarsely(struct relight_builder *b)
 
     b->error = transport_live_build(b->live, TRANSPORT_COARSE, b->threads, &b->why);
     if (!b->error && transport_live_share(b->live, TRANSPORT_COARSE) >= 1.0)
-        log_info("light transport: there coarsely after %.1f s", clock_seconds() - start);
+        log_info("light transport: a coarse version is ready after %.1f s", clock_seconds() - start);
 }
 
 /* The result of direct light; NULL on failure. */
@@ -232,7 +232,7 @@ enum err relight_builder_create(const struct relight_builder_desc *desc, struct 
         return e ? e : err_say(why, ERR_NOMEM, "a thread for the cache of light transport could not be started");
     }
     if (!b->loaded)
-        log_info("%s: computing light transport for --method cached beside the pictures", b->set->name);
+        log_info("%s: computing light transport for --method cached in the background", b->set->name);
     *out = b;
     return ERR_OK;
 }

@@ -1,5 +1,5 @@
-/* A thread that computes a relighter's cache of light transport while the relighter makes pictures (transport/live.h),
- * and then writes its file. */
+/* A thread that computes a relighter's cache of light transport while the relighter renders images
+ * (transport/live.h), and then writes its file. */
 #ifndef LIGHT_RELIGHT_BUILDER_H
 #define LIGHT_RELIGHT_BUILDER_H
 

@@ -223,7 +223,7 @@ enum err relight_cache_make(struct relight_cache *c, const struct set *set, cons
     if (!e && !c->refused)
         return ERR_OK;
     if (e == ERR_RANGE && desc->cache_background)
-        log_warning("%s; light is sampled by auto instead", c->why.text);
+        log_warning("%s; auto samples the light instead", c->why.text);
     if (c->refused && desc->cache_background)
         return ERR_OK;
     return err_say(desc->direct.why, e ? e : ERR_RANGE, "%s", c->why.text);
@@ -234,7 +234,7 @@ double relight_cache_follow(struct relight_cache *c)
     struct reason why;
 
     if (c->builder && follow(c, false, &why))
-        log_warning("%s; light is sampled by auto instead", c->why.text);
+        log_warning("%s; auto samples the light instead", c->why.text);
     if (c->refused || !c->transport)
         return 0.0;
     return c->building ? relight_builder_share(c->builder) : 1.0;
@@ -278,7 +278,7 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
     struct reason why;
 
     if (c->builder && follow(c, !desc->cache_background, &why))
-        log_warning("%s; light is sampled by auto instead", c->why.text);
+        log_warning("%s; auto samples the light instead", c->why.text);
     stats->cache_refused = c->refused;
     if (c->refused)
         return sample(direct, set, e, desc, NULL, samples, lo, stats);
@@ -289,7 +289,7 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
     }
     if (!part && c->keep.share && c->keep.share->end > 0)
         return err_say(desc->direct.why, ERR_UNSUPPORTED,
-                       "this picture needs the whole cache, of which each rank has a part: start it without mpirun");
+                       "this image needs the whole cache, but each rank has only a part: start it without mpirun");
     if (!c->building)
         transport_gather(c->transport);
     if (part) {

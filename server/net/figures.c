@@ -42,7 +42,7 @@ const struct figure server_figure_table[] = {
     PLAIN(DOUBLE, "place.units", units),
 
     U64("frame", "relightd_frame_number", "Number of the environment frame that is shown.", frame),
-    DOUBLE("fps", "relightd_pictures_per_second", "Pictures made per second, smoothed.", fps),
+    DOUBLE("fps", "relightd_pictures_per_second", "Images made per second, smoothed.", fps),
     PLAIN(DOUBLE, "stages_ms.queued", queued_ms),
     PLAIN(DOUBLE, "stages_ms.decoded", decoded_ms),
     PLAIN(DOUBLE, "stages_ms.shaded", shaded_ms),
@@ -59,7 +59,7 @@ const struct figure server_figure_table[] = {
         "NaN, infinite and negative texels that were replaced.", repaired),
 
     U64("late.pictures", "relightd_late_pictures_total",
-        "Pictures that took longer than --max-picture-seconds.", late),
+        "Images that took longer than --max-picture-seconds.", late),
     PLAIN(KNOWN, "late.seconds", late_s),
 
     PLAIN(DOUBLE, "light.sun.elevation", sun_elevation),
@@ -68,9 +68,9 @@ const struct figure server_figure_table[] = {
     TEXT("light.paths", paths),
     TEXT("light.left_out", left_out),
     KNOWN("light.error", "relightd_picture_error_ratio",
-        "Estimated relMSE of the last picture; absent when unknown.", error),
+        "Estimated relMSE of the last image; absent when unknown.", error),
     KNOWN("light.error_at_most", "relightd_picture_error_at_most_ratio",
-        "Upper bound of the last picture's relMSE (two standard errors above the estimate); absent when none is known.",
+        "Upper bound of the last image's relMSE (two standard errors above the estimate); absent when none is known.",
         error_at_most),
     DOUBLE("light.computed", "relightd_cache_computed_ratio",
         "Share of the transport cache that is computed.", cache_share),
@@ -94,7 +94,7 @@ const struct figure server_figure_table[] = {
         "Producers' files passed to the decoder process.", decoder_files),
     U64(NULL, "relightd_decoder_starts_total", "Decoder processes started.", decoder_starts),
     U64(NULL, FAILURES "{reason=\"died\"}",
-        "Deaths of the decoder, and files that it failed on or refused to try.", decoder_died),
+        "Decoder crashes, and files that it failed on or refused to try.", decoder_died),
     U64(NULL, FAILURES "{reason=\"hung\"}", NULL, decoder_hung),
     U64(NULL, FAILURES "{reason=\"nonsense\"}", NULL, decoder_lied),
     U64(NULL, FAILURES "{reason=\"waiting\"}", NULL, decoder_waited),

@@ -1,4 +1,4 @@
-/* QR codes in a terminal. Thread: any. */
+/* Prints QR codes in a terminal. Thread: any. */
 #ifndef NET_QR_H
 #define NET_QR_H
 

@@ -191,7 +191,7 @@ static void report(X509 *x, const char *cert, const struct alternatives *a, bool
             snprintf(lacks + used, sizeof(lacks) - used, "%s%.*s", used ? ", " : "", (int)length, at + 1);
     }
     if (lacks[0])
-        log_warning("%s is not for %s: browsers will complain; remove it to have another one made", cert, lacks);
+        log_warning("%s does not cover %s: browsers will warn; delete it to get a new one", cert, lacks);
 }
 
 enum err tls_self_signed(const char *dir, const char *names, char *cert, char *key, size_t size, struct reason *why)
@@ -208,7 +208,8 @@ enum err tls_self_signed(const char *dir, const char *names, char *cert, char *k
     const bool there = access(cert, F_OK) == 0;
     X509 *x = there ? read_certificate(cert) : NULL;
     if (there && !x)
-        return err_say(why, ERR_USAGE, "--tls-self-signed: %s is no PEM certificate; remove it to have one made", cert);
+        return err_say(why, ERR_USAGE, "--tls-self-signed: %s is not a PEM certificate; delete it to get a new one",
+                       cert);
     time_t soon = time(NULL) + RENEW_S;
     const bool keeps = x && access(key, F_OK) == 0 && X509_cmp_time(X509_get0_notAfter(x), &soon) > 0;
     if (!keeps) {

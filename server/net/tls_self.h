@@ -1,5 +1,4 @@
-/* A certificate of the server's own for a LAN, which no authority signs: browsers ask once, programs are given the file
- * as --ca. Thread: any. */
+/* A self-signed certificate for a LAN: browsers ask once, other programs get the file with --ca. Thread: any. */
 #ifndef NET_TLS_SELF_H
 #define NET_TLS_SELF_H
 

@@ -1,6 +1,6 @@
-/* Limits per address: open connections and wrong tokens, so that no client takes all places or guesses for long. IPv6
- * counts by the first 64 bits, because one client has all addresses below; IPv4 mapped to IPv6 counts as IPv4. No
- * sockets here. Thread: one at a time. */
+/* Limits per address: open connections and wrong tokens, so that no client takes all places or keeps guessing. IPv6
+ * addresses count by their first 64 bits, because one client owns all addresses below; IPv4 mapped to IPv6 counts as
+ * IPv4. No sockets here. Thread: one at a time. */
 #ifndef NET_VISITORS_H
 #define NET_VISITORS_H
 
@@ -10,11 +10,11 @@
 
 struct sockaddr;
 
-#define VISITORS_GUESSES 10.0     /* wrong tokens that an address may send: a token bucket, */
-#define VISITORS_GUESSES_A_S 0.1  /* refilled at this rate per second */
+#define VISITORS_GUESSES 10.0          /* wrong tokens that an address may send: a token bucket, */
+#define VISITORS_GUESSES_A_S 0.1       /* refilled at this rate per second */
 #define VISITORS_NAMED_GUESSES 60.0    /* likewise for all addresses together that a proxy names, */
 #define VISITORS_NAMED_GUESSES_A_S 1.0 /* but for those from which a right token came */
-#define VISITORS_REMEMBERED 1024u /* addresses without a connection that are remembered */
+#define VISITORS_REMEMBERED 1024u      /* addresses without a connection that are remembered */
 
 struct visitor {
     uint8_t address[16]; /* as IPv6 */
@@ -24,7 +24,7 @@ struct visitor {
     bool known;          /* a right token came from it */
     uint32_t connections;
     uint32_t arriving, clients; /* of these, by guest_state */
-    double guesses;   /* left in the bucket at guesses_us */
+    double guesses;             /* left in the bucket at guesses_us */
     int64_t guesses_us;
 };
 

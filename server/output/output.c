@@ -167,13 +167,13 @@ const char *output_extension(const struct output_desc *desc)
 static enum err check_format(const struct output_desc *desc, struct reason *why)
 {
     if (!file_is_stdout(desc->pattern) && desc->format)
-        return err_say(why, ERR_USAGE, "--format is for --out -; the ending of --out '%s' says what it is",
+        return err_say(why, ERR_USAGE, "--format is for --out -; the extension of --out '%s' sets the format",
                        desc->pattern);
     if (format_of(desc))
         return ERR_OK;
     if (!file_is_stdout(desc->pattern))
         return err_say(why, ERR_USAGE, "--out '%s' must end in .exr, .jpg, .png, .mp4, .mkv or .webm", desc->pattern);
-    return err_say(why, ERR_USAGE, "%s%s%s: standard output gets exr, jpg, png, mp4, mkv or webm",
+    return err_say(why, ERR_USAGE, "%s%s%s: standard output takes exr, jpg, png, mp4, mkv or webm",
                    desc->format ? "--format '" : "--out - needs --format", desc->format ? desc->format : "",
                    desc->format ? "'" : "");
 }
@@ -197,7 +197,7 @@ enum err output_check(const struct output_desc *desc, struct reason *why)
         return err_say(why, ERR_USAGE, "--out '%s': a video holds all frames; leave out the %%d", desc->pattern);
     if (format->movie && !movie_available())
         return err_say(why, ERR_UNSUPPORTED,
-                       "--out '%s': this build writes no video, as it was made without libavcodec or libavformat",
+                       "--out '%s': this build writes no video: it was made without libavcodec or libavformat",
                        desc->pattern);
     if (desc->tone == TONE_PQ && format->exposed && !format->movie)
         return err_say(why, ERR_USAGE, "--tone pq is for --out in .mp4, .mkv or .webm, not in %s", format->extension);
@@ -265,7 +265,7 @@ enum err output_create(const struct output_desc *desc, uint32_t width, uint32_t 
     if (!o->jpeg || !o->display || (desc->alpha && !o->straight) ||
         file_pattern_parse(desc->pattern, "--out", &o->pattern, why)) {
         output_destroy(o);
-        return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", width, height);
+        return err_say(why, ERR_NOMEM, "no memory for images of %ux%u", width, height);
     }
     const enum err movie = o->format->movie ? create_movie(o, why) : ERR_OK;
     if (movie) {

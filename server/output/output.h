@@ -1,5 +1,5 @@
 /* server/output/output.h */
-/* Where images go: a file per frame, or a video of all; the extension picks the format. A new kind of output is one row
+/* Writes images: a file per frame, or one video; the extension selects the format. A new kind of output is one row
  * of the table in output.c. One thread. */
 #ifndef OUTPUT_OUTPUT_H
 #define OUTPUT_OUTPUT_H

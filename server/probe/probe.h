@@ -1,9 +1,9 @@
 /* server/probe/probe.h */
-/* Explains the light of one pixel. Takes the estimate of direct light at the heaviest shading point of the pixel apart
- * into its samples, as in [LPG13, Fig. 1], maps what is visible from there, and computes a reference with many more
- * samples. The samples are those of direct_shade itself, recorded by direct_log.h: with the frame's own method,
- * samples, seed and pass they add up to the frame's value. No data of the renderer is modified. Deterministic. Thread:
- * one per struct probe. */
+/* Explains the light of one pixel. Splits the estimate of direct light at the pixel's heaviest shading point into its
+ * samples, as in [LPG13, Fig. 1], maps the visibility from there, and computes a reference with many more samples.
+ * The samples are those of direct_shade itself, recorded by direct_log.h: with the frame's own method, samples, seed
+ * and pass they add up to the frame's value. No data of the renderer is modified. Deterministic. Thread: one per
+ * struct probe. */
 #ifndef PROBE_PROBE_H
 #define PROBE_PROBE_H
 

@@ -173,7 +173,7 @@ static enum err learn_first(struct outlet *o, struct reason *why)
 
     if (o->header)
         return ERR_OK;
-    set_state(o, SERVER_PUBLISH_WAITING, "no picture has been made yet");
+    set_state(o, SERVER_PUBLISH_WAITING, "no image has been made yet");
     publish_queue_open(&o->queue, true);
     while (e == ERR_END && !atomic_load(&o->stop_ms)) {
         if (!publish_queue_take(&o->queue, &entry, TAKE_MS))
@@ -219,7 +219,7 @@ static enum err open_sink(struct outlet *o, struct sink **out, struct reason *wh
     };
 
     if (o->target.listens)
-        set_state(o, SERVER_PUBLISH_WAITING, "no receiver has called yet");
+        set_state(o, SERVER_PUBLISH_WAITING, "no receiver has connected yet");
     else
         set_state(o, SERVER_PUBLISH_CONNECTING, "");
     o->deadline_ms = o->target.listens ? INT64_MAX : clock_ms() + OPEN_MS;

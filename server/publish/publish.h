@@ -1,7 +1,7 @@
 /* server/publish/publish.h */
-/* Live pictures for other programs: H.264 to RTMP, RTSP and SRT, to a folder as HLS, and to recordings. Each target has
- * a thread and a bounded queue: a slow or dead target loses only its own pictures and is retried after 0.5 to 10 s. All
- * targets share the encoded pictures with the viewers. */
+/* Publishes the live stream to other programs: H.264 over RTMP, RTSP and SRT, as HLS in a folder, and as recordings.
+ * Each target has a thread and a bounded queue: a slow or dead target loses only its own pictures and is retried
+ * after 0.5 to 10 s. All targets share the encoded pictures with the viewers. */
 #ifndef PUBLISH_PUBLISH_H
 #define PUBLISH_PUBLISH_H
 

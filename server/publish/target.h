@@ -1,5 +1,5 @@
 /* server/publish/target.h */
-/* Destinations of live pictures: one parsed --publish of relightd. Pure functions. Thread: any.
+/* A destination of the live stream: one parsed --publish of relightd. Pure functions. Thread: any.
  */
 #ifndef PUBLISH_TARGET_H
 #define PUBLISH_TARGET_H

@@ -33,7 +33,7 @@ static enum err check_folder(const char *out, struct reason *why)
 
     const int n = snprintf(folder, sizeof(folder), "%.*s", slash ? (int)(slash - out) + 1 : 1, slash ? out : ".");
     if (n < 0 || (size_t)n >= sizeof(folder))
-        return err_say(why, ERR_USAGE, "--components '%.200s' is too long a name", out);
+        return err_say(why, ERR_USAGE, "--components '%.200s': the name is too long", out);
     return access(folder, W_OK | X_OK) == 0 ? ERR_OK
                                             : err_say(why, ERR_IO, "--components '%s': %s", out, strerror(errno));
 }
@@ -45,8 +45,7 @@ enum err components_read(const char *text, struct components_desc *out, struct r
     if (e)
         return e;
     if (!out->out.length)
-        return err_say(why, ERR_USAGE, "--components '%s' names one file, but there is one a patch: put %%03d into it",
-                       text);
+        return err_say(why, ERR_USAGE, "--components '%s' names one file, but each patch needs one: add %%03d", text);
     if (strlen(text) < 4 || strcmp(text + strlen(text) - 4, ".hdr") != 0)
         return err_say(why, ERR_USAGE, "--components '%s' must end in .hdr", text);
     return check_folder(text, why);
@@ -159,7 +158,7 @@ enum err components_write(const struct components_desc *d, struct reason *why)
         progress_end(&line);
     }
     if (!e)
-        log_info("%u component pictures for a sky of Reinhart MF:%u", count, d->mf);
+        log_info("%u component images for a sky of Reinhart MF:%u", count, d->mf);
     components_destroy(c);
     mem_free(radiance);
     mem_free(rgb);

@@ -100,7 +100,7 @@ static enum err count_files(const struct file_pattern *pattern, uint32_t *count,
                    "%s is missing or not readable: there are %" PRIu32 " files from number 0 on, and a sky of Reinhart "
                    "MF:%" PRIu32 " has %" PRIu32 " patches%s",
                    name, *count, reinhart_subdivision(next), next,
-                   no_ground ? ", of which 0 is the ground: is that one left out?" : "");
+                   no_ground ? ", of which 0 is the ground: is it missing?" : "");
 }
 
 static enum err read_file(struct parts *p, const struct file_pattern *pattern, uint32_t k, struct image *im,
@@ -115,9 +115,9 @@ static enum err read_file(struct parts *p, const struct file_pattern *pattern, u
         return e;
     if (im->width != p->width || im->height != p->height)
         return err_say(why, ERR_USAGE,
-                       "%s: is %" PRIu32 "x%" PRIu32 " pixels, and the picture %" PRIu32 "x%" PRIu32 ": %s", name,
+                       "%s: is %" PRIu32 "x%" PRIu32 " pixels, and the image %" PRIu32 "x%" PRIu32 ": %s", name,
                        im->width, im->height, p->width, p->height,
-                       k == 0 ? "give its size by --size" : "all parts must have the same size");
+                       k == 0 ? "set its size with --size" : "all parts must have the same size");
     take_part(p, k, im->rgb);
     return ERR_OK;
 }
@@ -150,7 +150,7 @@ static enum err read_matrix(struct parts *p, const struct parts_desc *d, struct 
                     m.columns);
     else if (m.rows != (size_t)d->width * d->height)
         e = err_say(why, ERR_USAGE,
-                    "%s: has %zu rows, and a picture of %" PRIu32 "x%" PRIu32 " %zu pixels: give its size by --size",
+                    "%s: has %zu rows, and an image of %" PRIu32 "x%" PRIu32 " %zu pixels: set its size with --size",
                     d->from, m.rows, d->width, d->height, (size_t)d->width * d->height);
     else
         e = reserve(p, d, (uint32_t)m.columns, why);
@@ -243,5 +243,5 @@ static enum err light(void *self, const struct set *set, const struct environmen
 
 struct relight_whole parts_whole(struct parts *p)
 {
-    return (struct relight_whole){ light, p, "the sky is averaged over its patches, and the sun with them" };
+    return (struct relight_whole){ light, p, "the sky, sun included, is averaged over its patches" };
 }

@@ -1,5 +1,5 @@
 /* server/radiance/view_line.h */
-/* A camera's view in Radiance's words, for the header of a picture. Thread: any. */
+/* A camera as Radiance's VIEW line, for the header of an image. Thread: any. */
 #ifndef RADIANCE_VIEW_LINE_H
 #define RADIANCE_VIEW_LINE_H
 

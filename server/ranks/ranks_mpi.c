@@ -140,17 +140,17 @@ static enum err compare(const struct identity *all, int count, const char *progr
     for (int k = 1; k < count; k++) {
         if (memcmp(&all[k].program, &all[0].program, sizeof(all[0].program)) != 0)
             return err_say(why, ERR_USAGE,
-                           "rank 0 on %s and rank %d on %s are different builds of %s, whose pictures "
+                           "rank 0 on %s and rank %d on %s are different builds of %s, whose images "
                            "may differ: install the same one on all hosts",
                            all[0].host, k, all[k].host, program);
         if (strcmp(all[k].level, all[0].level) != 0)
             return err_say(why, ERR_USAGE,
-                           "rank 0 on %s would use CPU level %s and rank %d on %s %s, whose pictures may differ by "
+                           "rank 0 on %s would use CPU level %s and rank %d on %s %s, whose images may differ by "
                            "rounding: add --cpu %s",
                            all[0].host, all[0].level, k, all[k].host, all[k].level,
                            strcmp(all[k].level, all[0].level) < 0 ? all[k].level : all[0].level);
         if (memcmp(&all[k].arguments, &all[0].arguments, sizeof(all[0].arguments)) != 0)
-            return err_say(why, ERR_USAGE, "rank %d has other flags than rank 0: all ranks take the same", k);
+            return err_say(why, ERR_USAGE, "rank %d has other flags than rank 0: give all ranks the same", k);
     }
     return ERR_OK;
 }
@@ -330,7 +330,7 @@ enum err ranks_agree(struct ranks *r, enum err own, struct reason *why)
     if (own || !worst.error)
         return own;
     why->text[0] = '\0';
-    return r->own == 0 ? err_say(why, ERR_IO, "rank %d has failed, and all end with it", worst.rank) : ERR_IO;
+    return r->own == 0 ? err_say(why, ERR_IO, "rank %d has failed; all ranks stop", worst.rank) : ERR_IO;
 }
 
 uint64_t ranks_sum(struct ranks *r, uint64_t own)
@@ -480,7 +480,7 @@ static enum err receive_post(struct ranks *r, const MPI_Status *status,
     MPI_Get_count(status, MPI_BYTE, &size);
     uint8_t *bytes = mem_alloc_raw((size_t)size + 1, 1);
     if (!bytes)
-        ranks_abort(r, "out of memory for what another rank posted");
+        ranks_abort(r, "out of memory for another rank's posted message");
     MPI_Irecv(bytes, size, MPI_BYTE, status->MPI_SOURCE, TAG_POST, MPI_COMM_WORLD, &q);
     wait_for(&q);
     r->ended += size == 0;
@@ -534,7 +534,7 @@ static enum err take_from(const struct ranks *r, int rank,
     wait_for(&q);
     uint8_t *bytes = mem_alloc(size + 1, 1);
     if (!bytes)
-        ranks_abort(r, "out of memory for what another rank sent");
+        ranks_abort(r, "out of memory for another rank's message");
     carry(bytes, size, rank, false);
     const enum err e = take(context, bytes, size);
     mem_free(bytes);

@@ -1,5 +1,5 @@
 /* server/reader/builtin.h */
-/* The scene that is shown without a file. Thread: any. */
+/* The built-in scene, shown if no file is given. Thread: any. */
 #ifndef READER_BUILTIN_H
 #define READER_BUILTIN_H
 

@@ -1,6 +1,6 @@
 /* server/reader/host.h */
-/* What code that reads a scene may ask of those who may open files: in relight-reader the parent process, in tests the
- * same process (files.h); and how they want it read. Thread: one at a time. */
+/* The requests of code that reads a scene to the side that may open files (in relight-reader the parent process, in
+ * tests the same process, files.h), and the options with which the scene is read. Thread: one at a time. */
 #ifndef READER_HOST_H
 #define READER_HOST_H
 
@@ -20,7 +20,7 @@ struct host {
     enum err (*allow)(void *context, const char *path, struct reason *why);
     void (*step)(void *context); /* one model has been read */
     void *context;
-    double time; /* s, 0 or more: animations stand as they are then; NAN: models are at rest */
+    double time;            /* s, 0 or more: animations stand as they are then; NAN: models are at rest */
     uint64_t texture_bytes; /* limit on all textures (scene_add_texture); 0: none */
 };
 

@@ -1,6 +1,6 @@
 /* server/reader/parcel.h */
-/* A scene as one file of flat arrays, in which relight-reader hands it to its parent. The parent believes nothing of
- * it: each size, index and value is checked, on a copy that the other process cannot change. Thread: one at a time. */
+/* A scene as one file of flat arrays, which relight-reader passes to its parent. The parent trusts none of it: it
+ * checks each size, index and value, on a copy that the other process cannot change. Thread: one at a time. */
 #ifndef READER_PARCEL_H
 #define READER_PARCEL_H
 

@@ -1,8 +1,7 @@
 /* server/reader/reader.h */
-/* Loads a scene from files through relight-reader, a confined process that can open no file itself: this one opens
- * those that the scene may consist of (files.h) and sends them as descriptors. If a file crashes that process, hangs it
- * or makes it ask for too much, the scene is refused with a reason. The result is not trusted either (parcel.h).
- * Thread: any. */
+/* Loads a scene from files through relight-reader, a confined process that cannot open files: this process opens the
+ * files that a scene may use (files.h) and sends their descriptors. If a file makes relight-reader crash, hang or
+ * exceed its limits, the scene is refused with a reason. The result is not trusted either (parcel.h). Thread: any. */
 #ifndef READER_READER_H
 #define READER_READER_H
 

@@ -150,7 +150,7 @@ int reader_serve(int argc, char **argv,
 
     if (argc != 6 || sscanf(argv[1], "%" SCNu64, &memory_bytes) != 1 || sscanf(argv[2], "%u", &seconds) != 1 ||
         sscanf(argv[3], "%lf", &host.time) != 1 || sscanf(argv[4], "%" SCNu64, &host.texture_bytes) != 1) {
-        fprintf(stderr, "relight-reader is started by relightd and others to read scenes; it cannot be used alone.\n");
+        fprintf(stderr, "other relightd programs start relight-reader to read scenes; it cannot be used alone.\n");
         return argc == 2 && strcmp(argv[1], "--help") == 0 ? 0 : 2;
     }
     /* A terminal or service manager sends these to the parent too, which decides. */

@@ -26,7 +26,7 @@ enum err render_changes_create(struct render *r, struct reason *why)
         return err_say(why, e, "--changes: %s", same.text);
     }
     if (!e && !output_is_numbered(r->maps) && source_count(r->source) > 1)
-        e = err_say(why, ERR_USAGE, "--changes '%s' takes one map: put %%04d into it", d->changes);
+        e = err_say(why, ERR_USAGE, "--changes '%s' names one file: add %%04d", d->changes);
     if (!e)
         output_fix_exposure(r->maps, 0.0);
     return e;

@@ -28,8 +28,7 @@ enum err render_collect_begin(struct render *r, struct reason *why)
         return ERR_OK;
     if (first && r->desc.resume && r->output)
         e = output_numbers(r->output, &r->there, &r->there_count);
-    e = ranks_agree(r->desc.ranks, e ? err_say(why, e, "out of memory for the list of pictures that are there") : e,
-                    why);
+    e = ranks_agree(r->desc.ranks, e ? err_say(why, e, "out of memory for the list of existing images") : e, why);
     count = r->there_count;
     if (!e)
         e = ranks_broadcast(r->desc.ranks, &count, sizeof(count));
@@ -37,11 +36,11 @@ enum err render_collect_begin(struct render *r, struct reason *why)
         r->there = mem_alloc(count, sizeof(*r->there));
         r->there_count = count;
         if (!r->there)
-            ranks_abort(r->desc.ranks, "out of memory for the list of pictures that are there");
+            ranks_abort(r->desc.ranks, "out of memory for the list of existing images");
     }
     if (!e && count > 0)
         e = ranks_broadcast(r->desc.ranks, r->there, count * sizeof(*r->there));
-    return e ? err_say(why, e, "rank 0 does not answer any more") : ERR_OK;
+    return e ? err_say(why, e, "rank 0 no longer answers") : ERR_OK;
 }
 
 static int by_number(const void *a, const void *b)
@@ -70,7 +69,7 @@ enum err render_collect_post(struct render *r, struct reason *why)
         memcpy(bytes + sizeof(uint64_t) + rgb, r->rgba, rgba);
     const enum err e = ranks_post(r->desc.ranks, bytes, sizeof(uint64_t) + rgb + rgba);
     mem_free(bytes);
-    return e ? err_say(why, e, "--collect: a picture is too large to be sent") : ERR_OK;
+    return e ? err_say(why, e, "--collect: an image is too large to be sent") : ERR_OK;
 }
 
 struct taking {

@@ -26,9 +26,9 @@ static enum err open_outputs(struct render *r, struct reason *why)
         e = output_create(&output, d->setup.set_desc.width, d->setup.set_desc.height, &r->output, why);
     if (!e && r->output && !output_is_numbered(r->output) && source_count(r->source) > 1)
         e = err_say(why, ERR_USAGE,
-                    "--out '%s' takes one %s, but the source has %" PRIu64 " frames: %s, or choose one by --frames",
+                    "--out '%s' takes one %s, but the source has %" PRIu64 " frames: %s, or select one with --frames",
                     d->output.pattern, output.format ? "EXR" : "file", source_count(r->source),
-                    output.format ? "use another --format" : "put %04d into it");
+                    output.format ? "use another --format" : "add %04d for the frame number");
     if (!e)
         e = render_changes_create(r, why);
     if (!e)
@@ -77,7 +77,7 @@ static enum err keep_alpha(struct render *r, struct reason *why)
         return err_say(why, ERR_USAGE, "--alpha is for scenes with a ground: add --ground");
     r->rgba = mem_alloc((size_t)d->width * d->height, 4 * sizeof(float));
     if (!r->rgba || relighter_keep_backplate(r->relighter))
-        return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u with alpha", d->width, d->height);
+        return err_say(why, ERR_NOMEM, "no memory for images of %ux%u with alpha", d->width, d->height);
     return ERR_OK;
 }
 
@@ -102,7 +102,7 @@ static enum err set_up(struct render *r, struct reason *why)
     r->prober = d->probe ? prober_create(r->set, d->setup.kernels) : NULL;
     r->rgb = mem_alloc((size_t)d->setup.set_desc.width * d->setup.set_desc.height, 3 * sizeof(float));
     if (!r->relighter || !r->environment || !r->rgb || (d->probe && !r->prober))
-        return err_say(why, ERR_NOMEM, "no memory for pictures of %ux%u", d->setup.set_desc.width,
+        return err_say(why, ERR_NOMEM, "no memory for images of %ux%u", d->setup.set_desc.width,
                        d->setup.set_desc.height);
     e = light_lamps(r, why);
     if (!e)
@@ -285,7 +285,7 @@ static enum err sum_up(struct render *r, enum err e, struct reason *why)
     const uint64_t rendered = ranks_sum(ranks, r->rendered), refused = ranks_sum(ranks, r->refused),
                    kept = ranks_sum(ranks, r->kept);
     if (r->desc.resume && kept > 0 && ranks_index(ranks) == 0)
-        log_info("%" PRIu64 " pictures were there and are kept, %" PRIu64 " are new", kept, rendered);
+        log_info("%" PRIu64 " images were there and are kept, %" PRIu64 " are new", kept, rendered);
     if (!e && refused)
         return err_say(why, ERR_FORMAT, "%" PRIu64 " of %" PRIu64 " frames could not be used (named above)", refused,
                        refused + rendered + kept);

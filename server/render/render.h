@@ -1,6 +1,6 @@
 /* server/render/render.h */
-/* Renders a sequence: every frame of a source, one after another, to an output and to statistics. What relight-render
- * does once its flags are read. The ranks of a job deal its frames out among themselves: each renders those whose
+/* Renders a sequence: every frame of a source, one after another, to an output and to statistics. This is what
+ * relight-render does after it has read its flags. The ranks of a job share the frames: each renders those whose
  * numbers it takes, and rank 0 writes the statistics of all; or they light each frame together (team/team.h), which
  * rank 0 reads and writes. One thread of control; the light runs on all OpenMP threads. */
 #ifndef RENDER_RENDER_H

@@ -1,4 +1,4 @@
-/* Inside a rendering: what the files of this room share. One thread: that of render_sequence. */
+/* Data and functions that the files of this room share. One thread: that of render_sequence. */
 #ifndef RENDER_RENDER_PARTS_H
 #define RENDER_RENDER_PARTS_H
 

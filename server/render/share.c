@@ -25,14 +25,14 @@ enum err render_check_shared(const struct render *r, struct reason *why)
                    : ERR_OK;
     if (r->output && output_is_stream(r->output))
         return err_say(why, ERR_USAGE,
-                       "%s needs a file per picture: a video, or standard output, holds all frames in order; render "
-                       "'NAME.%%04d.png', and make the video of these",
+                       "%s needs a file per image: a video, or standard output, holds all frames in order; render to "
+                       "'NAME.%%04d.png' and make the video from these",
                        what);
     if (d->output.pattern && r->output && output_is_exposed(r->output) &&
         d->setup.initial.exposure_stops == EXPOSURE_FOLLOW)
         return err_say(why, ERR_USAGE,
-                       "%s does not go with --exposure follow, by which a picture depends on those before: use auto, "
-                       "or a number",
+                       "%s cannot be used with --exposure follow, which makes each image depend on earlier ones: use "
+                       "auto or a number",
                        what);
     if (d->resume && !d->output.pattern)
         return err_say(why, ERR_USAGE, "--resume needs --out");

@@ -55,8 +55,8 @@ enum err render_split_begin(struct render *r, struct reason *why)
 
     if (r->set->scene->ground.radius > 0.0f)
         e = err_say(why, ERR_USAGE,
-                    "--split-frames does not go with a ground, whose light is not each point's own: "
-                    "leave it out, and each rank renders frames of its own");
+                    "--split-frames cannot be used with a ground, whose points share light: without --split-frames, "
+                    "each rank renders its own frames");
     const bool ahead =
         ranks_index(r->desc.ranks) == 0 && source_count(r->source) > 0; /* else a frame may be long in coming */
     r->ahead.environment = ahead ? environment_create(&s->environment) : NULL;

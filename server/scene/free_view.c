@@ -32,9 +32,9 @@ static const char *read_point(const char *text, char end, struct vec3 *out)
 }
 
 const struct setting_choice projection_choices[] = {
-    { "perspective", PROJECTION_PERSPECTIVE, "as a lens shows it", 0 },
-    { "equidistant", PROJECTION_EQUIDISTANT, "fisheye: angles from the middle are to scale", 0 },
-    { "equisolid", PROJECTION_EQUISOLID, "fisheye: solid angles are to scale", 0 },
+    { "perspective", PROJECTION_PERSPECTIVE, "rectilinear, as an ordinary lens shows it", 0 },
+    { "equidistant", PROJECTION_EQUIDISTANT, "fisheye: distance from the centre is proportional to the angle", 0 },
+    { "equisolid", PROJECTION_EQUISOLID, "fisheye: equal areas show equal solid angles", 0 },
     { NULL, 0, NULL, 0 },
 };
 
@@ -78,7 +78,7 @@ enum err free_view_read(const char *text, struct camera *out, struct reason *why
     if (!known || !(degrees >= NARROW && degrees <= most) || strlen(text) >= sizeof(c.name))
         return err_say(
             why, ERR_USAGE,
-            "'%.80s' is no view such as @4,2,4;0,1,0;40: position, point looked at (m, within %g) and field of "
+            "'%.80s' is not a view such as @4,2,4;0,1,0;40: position, point looked at (m, within %g) and field of "
             "view (%g to %g degrees)",
             text, FAR, NARROW, WIDE);
     c.fov_y = (float)(degrees * (PI / 180.0));

@@ -1,5 +1,5 @@
 /* server/scene/mesh_read.h */
-/* Vertices of a mesh in world space, for placed meshes and others. Thread: any. */
+/* Reads a mesh's vertices in world space, whether the mesh is an instance or not. Thread: any. */
 #ifndef SCENE_MESH_READ_H
 #define SCENE_MESH_READ_H
 

@@ -1,4 +1,4 @@
-/* --probe, --probe-samples and --probe-preset, in a table of flags that has them. Main thread. */
+/* Reads --probe, --probe-samples and --probe-preset from a program's flags. Main thread. */
 #ifndef SETTINGS_PROBE_OPTIONS_H
 #define SETTINGS_PROBE_OPTIONS_H
 

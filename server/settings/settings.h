@@ -1,5 +1,5 @@
 /* server/settings/settings.h */
-/* The one table of what can be set about light, scene and picture: flags of relightd, relight-render, relight-bench and
+/* The one table of settings for light, scene and image: flags of relightd, relight-render, relight-bench and
  * relight-chart, the configuration file, control messages and the state file all follow from it (base/setting.h). Flags
  * that one program alone has stand in a table beside that program's main. */
 #ifndef SETTINGS_SETTINGS_H

@@ -123,7 +123,7 @@ const struct setting settings_table[] = {
     { "source-transfer", "T", "transfer function of a video, instead of the one that it declares", "auto", SCENE,
       LIGHT_PROGRAMS, .needs = NEEDS_VIDEO, CHOICE(signal_transfer_choices), AT(source_desc.colour.transfer) },
     { "source-peak", "CDM2",
-      "cd/m^2 of a video's white (HLG: of its peak; PQ: clipped there); 0: 203, with HLG 1000, PQ as coded", "0", SCENE,
+      "cd/m^2 of a video's white (HLG: of its peak; PQ: clipping level); 0: 203, HLG 1000, PQ as coded", "0", SCENE,
       LIGHT_PROGRAMS, .needs = NEEDS_VIDEO, REAL(0.0, 1e6), AT(source_desc.colour.peak_cdm2) },
     { "source-ca", "FILE",
       "PEM file of the certificate authorities to trust for https://, rtsps:// and rtmps:// sources, instead of the "

@@ -84,7 +84,7 @@ static enum err take_day(const char *value, const char *text, size_t length, int
     snprintf(one, sizeof(one), "%.*s", (int)(length < 15 ? length : 15), text);
     if (sscanf(one, "%2d-%2d%n", &month, &day, &used) != 2 || one[used] || month < 1 || month > 12 || day < 1 ||
         day > days[month - 1])
-        return err_say(why, ERR_USAGE, "epw: days=%s: '%s' is no day; expected MM-DD or MM-DD:MM-DD", value, one);
+        return err_say(why, ERR_USAGE, "epw: days=%s: '%s' is not a date; expected MM-DD or MM-DD:MM-DD", value, one);
     *out = day_of_year(month, day);
     return ERR_OK;
 }

@@ -1,6 +1,6 @@
 /* server/source/files.h */
-/* Which files a spec means, in which order, and reading one of them. Private to this room, behind source.h. Thread: one
- * per list. */
+/* Lists the files that a source specification names, in order, and reads them. Private to this room, behind source.h.
+ * Thread: one per list. */
 #ifndef SOURCE_FILES_H
 #define SOURCE_FILES_H
 

@@ -139,7 +139,7 @@ static enum err pass_over(struct footage *f, enum err e, const struct reason *fa
         return err_say(why, e, "%s", fault->text);
     f->damaged++;
     if (!f->told_damage)
-        log_warning("%s; such packets are passed over", fault->text);
+        log_warning("%s; such packets are skipped", fault->text);
     f->told_damage = true;
     f->phase = PHASE_PACKETS;
     return video_is_open(f->decoder) ? ERR_OK : open_decoder(f, why);
@@ -213,8 +213,8 @@ enum err footage_next(struct footage *f, int wait_ms, bool *ready, struct reason
         picture = (struct video_picture){ .time_us = VIDEO_NO_TIME };
         const enum err e = step(f, wait_ms, &picture, &quiet, why);
         if (e == ERR_END && f->pictures == 0 && f->packets > 0)
-            return err_say(why, ERR_FORMAT, "%s: none of its %" PRIu64 " packets gives a picture%s", f->name,
-                           f->packets, f->await_key ? ": there is no keyframe" : "");
+            return err_say(why, ERR_FORMAT, "%s: none of its %" PRIu64 " packets gives an image%s", f->name, f->packets,
+                           f->await_key ? ": there is no keyframe" : "");
         if (e)
             return e;
         f->pictures += picture.ready;
@@ -254,10 +254,10 @@ static void tell_colour(struct footage *f, const struct frame *out, const struct
     log_info("%s: %s, %ux%u, %.4g frames/s, %s", f->name, f->format.codec_name, out->width, out->height, f->format.rate,
              signal_transfer_name(state->transfer));
     if (state->assumed)
-        log_warning("%s: it does not state its transfer function; %s is assumed, --source-transfer names another",
+        log_warning("%s: it does not state its transfer function; %s is assumed, set another with --source-transfer",
                     f->name, signal_transfer_name(state->transfer));
     if (!hdr)
-        log_warning("%s: not HDR: what is brighter than white, such as the sun, is clipped", f->name);
+        log_warning("%s: not HDR: values brighter than white, such as the sun, are clipped", f->name);
     if (f->format.rate > FOOTAGE_RATE_MAX)
         log_warning("%s: it claims %.4g frames/s; it is played at %g", f->name, f->format.rate, FOOTAGE_RATE);
 }

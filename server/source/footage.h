@@ -1,5 +1,5 @@
 /* server/source/footage.h */
-/* The pictures of a video, one after another: packets from relight-demux (demux/), decoded in relight-video (decoder/).
+/* The frames of a video, one after another: packets from relight-demux (demux/), decoded in relight-video (decoder/).
  * Private to this room. Thread: one per footage. */
 #ifndef SOURCE_FOOTAGE_H
 #define SOURCE_FOOTAGE_H

@@ -129,7 +129,7 @@ static bool play(struct live *l, struct reason *why)
             any = true;
         }
         if (!any && !told && clock_ms() - since_ms > PICTURELESS_MS) {
-            set_state(l, false, "connected, but no picture came yet (no keyframe)");
+            set_state(l, false, "connected, but no frame has been decoded yet (no keyframe)");
             told = true;
         }
         if (l->held && is_wanted(l))
@@ -159,7 +159,7 @@ static bool leave_recording(struct live *l, bool any)
 static void give_up(struct live *l, const struct reason *why)
 {
     pthread_mutex_lock(&l->lock);
-    (void)err_say(&l->fault, ERR_IO, "%.250s; no picture came in %u tries", why->text, l->tries);
+    (void)err_say(&l->fault, ERR_IO, "%.250s; no frame came in %u attempts", why->text, l->tries);
     l->gave_up = true;
     pthread_cond_broadcast(&l->changed);
     pthread_mutex_unlock(&l->lock);

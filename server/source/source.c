@@ -82,8 +82,8 @@ static enum err check_numbers(const struct source *s, const char *spec, struct r
 
     if (last->number <= FRAME_NUMBER_MAX)
         return ERR_OK;
-    return err_say(why, ERR_USAGE, "%s: %s: the number is above %" PRIu64 ", the largest of a frame", spec, last->path,
-                   FRAME_NUMBER_MAX);
+    return err_say(why, ERR_USAGE, "%s: %s: the number is above %" PRIu64 ", the largest frame number", spec,
+                   last->path, FRAME_NUMBER_MAX);
 }
 
 /* A web server's video of known length is read like a file. */
@@ -96,7 +96,7 @@ static enum err open_video(struct source *s, const struct source_desc *d, enum d
     if (!e && (kind == DEMUX_FILE || kind == DEMUX_WEB))
         e = footage_open(&desc, &s->footage, why);
     if (e == ERR_IO && kind == DEMUX_WEB && d->wait) {
-        log_warning("%s; it is waited for", why->text);
+        log_warning("%s; waiting for it", why->text);
         e = ERR_OK;
     } else if (e || kind == DEMUX_FILE || (kind == DEMUX_WEB && footage_format(s->footage)->duration_us > 0)) {
         return e;
@@ -237,7 +237,7 @@ static enum err next_watched(struct source *s, struct frame *f, struct reason *w
         return e;
     const enum err failed = files_read(item, f, why);
     if (!failed && f->capture_us == 0)
-        log_warning("%s: its modification time is no possible time of a capture; it counts as unknown", f->name);
+        log_warning("%s: its modification time cannot be a capture time; the time is unknown", f->name);
     return failed;
 }
 

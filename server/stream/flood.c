@@ -59,7 +59,7 @@ void flood_check(struct viewer *v)
     if (f->left >= 0.0)
         return;
     atomic_fetch_add(&v->server->counts.too_fast, 1);
-    fault_say(&fault, FAULT_TOO_FAST, "2.5", "more than %d bytes a second beside messages", FLOOD_RATE);
+    fault_say(&fault, FAULT_TOO_FAST, "2.5", "more than %d bytes a second besides messages", FLOOD_RATE);
     viewer_send_error(v, &fault);
     lws_rx_flow_control(v->wsi, 0); /* else it would cost until it is gone */
 }

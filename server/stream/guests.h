@@ -1,9 +1,9 @@
 /* Fair shares of connections. A guest is a TCP connection. It begins as an arriving guest and becomes a client when its
  * hello is accepted. Arriving guests are cheap but unauthenticated, so they have a separate pool of places. A request
- * for pictures by plain HTTP (watcher.c) also makes a guest a client, until the request is answered. When the arriving
- * places are full, the address with the most of them loses its oldest guest, so a newcomer from another address always
- * gets a place. When the client places are full, a newcomer whose address has fewer clients replaces the newest viewer
- * of the address with the most clients. Thread: service. */
+ * for images over plain HTTP (watcher.c) also makes a guest a client, until the request is answered. When the
+ * arriving places are full, the address with the most of them loses its oldest guest, so a newcomer from another
+ * address always gets a place. When the client places are full, a newcomer whose address has fewer clients replaces
+ * the newest viewer of the address with the most clients. Thread: service. */
 #ifndef STREAM_GUESTS_H
 #define STREAM_GUESTS_H
 

@@ -51,21 +51,21 @@ void server_health(struct server *s, struct server_health *out)
     out->loop_ms = (viewer_now_us() - atomic_load(&m->loop_us)) / 1000;
     out->beat_ms = beat_ms ? now_ms - beat_ms : -1;
     if (out->loop_ms >= SERVER_BEAT_MS)
-        reason = "the network's thread is late";
+        reason = "the network thread is late";
     else if (out->beat_ms >= SERVER_BUSY_MS || (out->beat_ms >= SERVER_BEAT_MS && now_ms - worked_ms >= SERVER_BEAT_MS))
-        reason = "the thread that makes pictures does nothing";
+        reason = "the rendering thread does not respond";
     out->alive = !reason;
     pthread_mutex_lock(&s->lock);
     if (reason)
         ;
     else if (atomic_load(&s->stopping))
-        reason = "the server is going away";
+        reason = "the server is shutting down";
     else if (!s->figures.loaded)
         reason = "the scene is being prepared";
     else if (s->published == 0 && s->figures.source == SERVER_FAILED)
-        reason = "no frame of the sky could be used yet";
+        reason = "no sky frame could be used yet";
     else if (s->published == 0 && !s->push) /* else a producer's frame can be taken */
-        reason = "the first picture is being made";
+        reason = "the first image is being made";
     pthread_mutex_unlock(&s->lock);
     out->ready = !reason;
     out->reason = reason ? reason : "ok";

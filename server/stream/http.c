@@ -260,7 +260,7 @@ static int answer_request(struct server *s, struct lws *wsi, struct http_session
     if (!http_origin_ok(wsi))
         return http_refuse(s, wsi, 403, "Pages of other sites are not served.\n");
     if (!head && lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) == 0)
-        return http_refuse(s, wsi, 405, "Only GET and HEAD are answered.\n");
+        return http_refuse(s, wsi, 405, "Only GET and HEAD are supported.\n");
     if (lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH) > 0 ||
         lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING) > 0)
         return http_refuse(s, wsi, 413, "A request must not have a body.\n");
@@ -273,7 +273,7 @@ static int answer_request(struct server *s, struct lws *wsi, struct http_session
     if (!f)
         return http_respond_text(
             wsi, 404, "text/plain; charset=utf-8",
-            "There is nothing here. The viewer is at /, pictures are at " WATCHER_PATHS " and /embed.\n", head);
+            "There is nothing here. The viewer is at /, images are at " WATCHER_PATHS " and /embed.\n", head);
     const bool known =
         lws_hdr_copy(wsi, given, sizeof(given), WSI_TOKEN_HTTP_IF_NONE_MATCH) > 0 && strcmp(given, f->etag) == 0;
     const struct http_head answer = { .status = known ? 304 : 200,
@@ -333,7 +333,7 @@ static int answer(struct lws *wsi, enum lws_callback_reasons reason, void *user,
     case LWS_CALLBACK_HTTP: return answer_request(s, wsi, user, in);
     case LWS_CALLBACK_HTTP_WRITEABLE: return send_more(wsi, user);
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION:
-        return http_refuse(s, wsi, 400, "The WebSocket subprotocol " PROTOCOL_NAME " must be asked for.\n");
+        return http_refuse(s, wsi, 400, "The WebSocket subprotocol " PROTOCOL_NAME " must be requested.\n");
     case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE: return confirm_upgrade(s, wsi);
     case LWS_CALLBACK_CLOSED_HTTP:
         if (user)

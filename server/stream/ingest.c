@@ -377,7 +377,7 @@ void server_frame_fate(struct server *s, const struct server_ticket *ticket, enu
     if (t->sequence) {
         if (fate != SERVER_REFUSED) {
             fate = SERVER_REFUSED;
-            why = "no picture was made of it";
+            why = "no image was made of it";
         }
         t->sequence->stage = SEQUENCE_IDLE;
         remember(t->sequence, t->number, 0);

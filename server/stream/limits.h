@@ -1,4 +1,4 @@
-/* Limits that clients reach: counted for /metrics, and logged at most once a minute each. */
+/* Counts, for /metrics, how often clients reach a limit, and logs each limit at most once a minute. */
 #ifndef STREAM_LIMITS_H
 #define STREAM_LIMITS_H
 

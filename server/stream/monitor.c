@@ -52,7 +52,7 @@ static int answer_metrics(struct server *s, struct lws *wsi, struct http_session
     if (may == ADMISSION_LATER)
         return http_refuse(s, wsi, 429, "Too many wrong tokens came from this address.\n");
     if (may == ADMISSION_WRONG)
-        return http_refuse(s, wsi, 401, "The metrics ask for Authorization: Bearer and a token.\n");
+        return http_refuse(s, wsi, 401, "/metrics needs the header Authorization: Bearer TOKEN.\n");
     char *text = metrics_text(s, &size);
     if (!text)
         return http_respond_text(wsi, 503, "text/plain; charset=utf-8", "Out of memory.\n", head);

@@ -75,9 +75,9 @@ static void check(const struct viewer *v, const struct server_probe *q, struct f
     const bool any = s->published > 0;
     pthread_mutex_unlock(&s->lock);
     if (!any)
-        fault_say(fault, FAULT_NOT_OFFERED, "4.15.7", "there is no picture yet");
+        fault_say(fault, FAULT_NOT_OFFERED, "4.15.7", "there is no image yet");
     else if (width && height && (q->x >= width || q->y >= height))
-        fault_say(fault, FAULT_BAD_FIELD, "4.15.2", "x and y must lie in the picture of %ux%u", width, height);
+        fault_say(fault, FAULT_BAD_FIELD, "4.15.2", "x and y must lie in the image of %ux%u", width, height);
     else if (q->sky_alone ? v->asking_sky : v->probing)
         fault_say(fault, FAULT_BUSY, "4.15.6", "the previous question has no answer yet");
 }

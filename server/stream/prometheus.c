@@ -154,14 +154,14 @@ static void print_times(struct metrics_text *t, const struct metrics *m)
     histogram_head(t, "relightd_stage_seconds", "Time that a frame spends in each stage.");
     for (int k = SERVER_DECODE; k <= SERVER_SHADE; k++)
         histogram(t, "relightd_stage_seconds", stages[k], &m->timing[k], 1.0);
-    histogram_head(t, "relightd_encode_seconds", "Time to encode a picture, tone curve included.");
+    histogram_head(t, "relightd_encode_seconds", "Time to encode an image, tone curve included.");
     for (int k = PROTOCOL_JPEG; k < METRICS_KINDS; k++)
         if (load(&m->published[k]) > 0)
             histogram(t, "relightd_encode_seconds", kinds[k], &m->encode[k], 1.0);
-    histogram_head(t, "relightd_latency_seconds", "Age of pictures, by part of their way.");
+    histogram_head(t, "relightd_latency_seconds", "Time from capture to display, by part.");
     for (int k = SERVER_CAPTURED; k <= SERVER_DISPLAYED; k++)
         histogram(t, "relightd_latency_seconds", parts[k - SERVER_CAPTURED], &m->timing[k], 1.0);
-    histogram_head(t, "relightd_loop_seconds", "Time of single pieces of work of the network thread.");
+    histogram_head(t, "relightd_loop_seconds", "Duration of single tasks of the network thread.");
     histogram(t, "relightd_loop_seconds", "", &m->timing[SERVER_LOOP], LOOP_SCALE);
 }
 
@@ -195,11 +195,12 @@ static const struct figure table[] = {
     ROW("relightd_alive", "As /healthz.", BOOL, health.alive),
     ROW("relightd_ready", "As /readyz.", BOOL, health.ready),
     ROW("relightd_scrapes_total", "Answers to /metrics, this one included.", U64, scrapes),
-    ROW(LINES "{level=\"error\"}", "Log lines, including those held back.", U64, lines.lines[LOG_ERROR]),
+    ROW(LINES "{level=\"error\"}", "Log lines, including suppressed ones.", U64, lines.lines[LOG_ERROR]),
     ROW(LINES "{level=\"warning\"}", NULL, U64, lines.lines[LOG_WARNING]),
     ROW(LINES "{level=\"info\"}", NULL, U64, lines.lines[LOG_INFO]),
     ROW(LINES "{level=\"debug\"}", NULL, U64, lines.lines[LOG_DEBUG]),
-    ROW("relightd_log_lines_held_total", "Log lines held back because too many of a kind came.", U64, lines.suppressed),
+    ROW("relightd_log_lines_held_total", "Log lines suppressed because too many of one kind came.", U64,
+        lines.suppressed),
     ROW("process_cpu_seconds_total", "Processor time of all threads.", DOUBLE, processor_s),
     ROW("process_resident_memory_bytes", "Resident memory.", KNOWN, resident_bytes),
     ROW("process_virtual_memory_bytes", "Virtual memory.", KNOWN, virtual_bytes),
@@ -210,19 +211,18 @@ static const struct figure table[] = {
 
     ROW("relightd_producer_frames_received_total", "Frames received whole from producers.", U64,
         counters.frames_received),
-    ROW(LOST "{reason=\"superseded\"}", "Frames from producers that became no picture.", U64,
-        counters.frames_superseded),
+    ROW(LOST "{reason=\"superseded\"}", "Frames from producers that became no image.", U64, counters.frames_superseded),
     ROW(LOST "{reason=\"refused\"}", NULL, U64, counters.frames_refused),
     ROW(LOST "{reason=\"repeated\"}", NULL, U64, counters.frames_repeated),
     ROW(LOST "{reason=\"cut\"}", NULL, U64, counters.frames_cut),
     ROW("relightd_producer_received_bytes_total", "Bytes of frames from producers, whole or not.", U64,
         counters.frame_bytes),
 
-    ROW(SKIPPED "{reason=\"slow\"}", "Pictures that a viewer did not get.", U64, skipped_slow),
+    ROW(SKIPPED "{reason=\"slow\"}", "Images that a viewer did not get.", U64, skipped_slow),
     ROW(SKIPPED "{reason=\"rate\"}", NULL, U64, skipped_rate),
-    ROW("relightd_pictures_acknowledged_total", "Pictures that viewers acknowledged.", U64, counters.acked),
-    ROW("relightd_sent_bytes_total", "Bytes of pictures passed to the kernel.", U64, counters.bytes),
-    ROW("relightd_loop_max_seconds", "Longest piece of work of the network thread.", DOUBLE, loop_most_s),
+    ROW("relightd_pictures_acknowledged_total", "Images that viewers acknowledged.", U64, counters.acked),
+    ROW("relightd_sent_bytes_total", "Bytes of images passed to the kernel.", U64, counters.bytes),
+    ROW("relightd_loop_max_seconds", "Longest single task of the network thread.", DOUBLE, loop_most_s),
     ROW("relightd_loop_tick_delay_max_seconds", "Longest delay of its half-second tick.", DOUBLE, loop_late_s),
 
     ROW("relightd_connections_total", "WebSocket connections accepted.", U64, counters.connections),
@@ -239,17 +239,17 @@ static const struct figure table[] = {
     ROW(CONNECTIONS "{role=\"producer\"}", NULL, U32, role[SERVER_PRODUCER]),
     ROW(CONNECTIONS "{role=\"recorder\"}", NULL, U32, role[SERVER_RECORDER]),
     ROW(CONNECTIONS "{role=\"none\"}", NULL, U32, role[SERVER_ROLES]),
-    ROW("relightd_http_watchers{kind=\"snapshot\"}", "Requests for pictures by plain HTTP that are being answered.",
-        U32, snapshots),
+    ROW("relightd_http_watchers{kind=\"snapshot\"}", "Requests for images by plain HTTP that are being answered.", U32,
+        snapshots),
     ROW("relightd_http_watchers{kind=\"stream\"}", NULL, U32, streams),
-    ROW("relightd_connections_max", "Maximum number of WebSocket connections and requests for pictures.", U32,
+    ROW("relightd_connections_max", "Maximum number of WebSocket connections and requests for images.", U32,
         max_connections),
-    ROW("relightd_connections_arriving", "TCP connections before hello, those of browsers that load the page included.",
-        U32, arriving),
+    ROW("relightd_connections_arriving", "TCP connections before hello, including browsers that load the page.", U32,
+        arriving),
     ROW("relightd_viewers_paused", "Paused subscriptions.", U32, paused),
     ROW("relightd_recorders", "Recorders of lockstep sequences.", U32, recorders),
-    ROW("relightd_pictures_sending", "Pictures sent in part.", U32, sending),
-    ROW("relightd_pictures_unacknowledged", "Pictures begun and not acknowledged.", U32, unacked),
+    ROW("relightd_pictures_sending", "Images partly sent.", U32, sending),
+    ROW("relightd_pictures_unacknowledged", "Images begun but not acknowledged.", U32, unacked),
     ROW("relightd_messages_waiting", "Text messages waiting for their connection.", U32, outbox),
     ROW(QUEUE "{queue=\"received\"}", "Items waiting for a thread.", U32, pushed),
     ROW(QUEUE "{queue=\"decoded\"}", NULL, U32, figures.frames_waiting),
@@ -323,8 +323,8 @@ static void take_snapshot(struct server *s, struct snapshot *n)
 
 static void print_kinds(struct metrics_text *t, const struct server *s, const struct snapshot *n)
 {
-    by_kind(t, "relightd_pictures_published_total", "Pictures encoded and offered to viewers.", s->metrics.published);
-    by_kind(t, "relightd_pictures_sent_total", "Pictures passed whole to the kernel, for any viewer.", s->metrics.sent);
+    by_kind(t, "relightd_pictures_published_total", "Images encoded and offered to viewers.", s->metrics.published);
+    by_kind(t, "relightd_pictures_sent_total", "Images passed whole to the kernel, for any viewer.", s->metrics.sent);
     head(t, "relightd_viewers", "Subscriptions that are not paused, by format.");
     for (int k = PROTOCOL_JPEG; k < METRICS_KINDS; k++)
         metrics_print(t, "relightd_viewers{%s} %u\n", kinds[k], n->kind[k]);
@@ -349,7 +349,7 @@ static void print_states(struct metrics_text *t, const struct server *s, const s
         head(t, "relightd_tls_certificate_expires_seconds", "Expiry of the certificate, in seconds since 1970.");
         metrics_print(t, "relightd_tls_certificate_expires_seconds %lld\n", (long long)tls_expires_s(s->tls));
     }
-    head(t, "relightd_source_state", "1 for the present state of the source.");
+    head(t, "relightd_source_state", "1 for the current state of the source.");
     for (int k = SERVER_WAITING; k <= SERVER_FAILED; k++)
         metrics_print(t, "relightd_source_state{state=\"%s\"} %d\n", states[k], (int)f->source == k);
     if (f->since_us > 0) {
@@ -365,10 +365,10 @@ static void print_publish(struct metrics_text *t, const struct server_figures *f
         const char *name, *help;
         size_t offset;
     } counts[] = {
-        { "relightd_publish_frames_total", "Pictures passed on to a target of --publish.",
+        { "relightd_publish_frames_total", "Images passed on to a target of --publish.",
           offsetof(struct server_publish, frames) },
         { "relightd_publish_bytes_total", "Bytes of these.", offsetof(struct server_publish, bytes) },
-        { "relightd_publish_dropped_total", "Pictures left out because the target was slow.",
+        { "relightd_publish_dropped_total", "Images left out because the target was slow.",
           offsetof(struct server_publish, dropped) },
         { "relightd_publish_retries_total", "Failures of a target, each followed by another attempt.",
           offsetof(struct server_publish, retries) },
@@ -376,7 +376,7 @@ static void print_publish(struct metrics_text *t, const struct server_figures *f
 
     if (f->publish_count == 0)
         return;
-    head(t, "relightd_publish_state", "1 for the present state of a target of --publish.");
+    head(t, "relightd_publish_state", "1 for the current state of a target of --publish.");
     for (uint32_t i = 0; i < f->publish_count; i++)
         for (int k = 0; k <= SERVER_PUBLISH_RETRYING; k++)
             metrics_print(t, "relightd_publish_state{target=\"%u\",to=\"%s\",state=\"%s\"} %d\n", i + 1,

@@ -86,7 +86,7 @@ struct sequence *ingest_sequence(struct server *s, const char *name, const struc
     if (q && strcmp(q->name, name) != 0) {
         lost = q->kept;
         if (lost)
-            log_warning("sequence %s: dropped with the picture of frame %llu, which no recorder fetched", q->name,
+            log_warning("sequence %s: dropped with the image of frame %llu, which no recorder fetched", q->name,
                         (unsigned long long)q->accepted);
         *q = (struct sequence){ .stage = SEQUENCE_IDLE };
         memcpy(q->name, name, strlen(name) + 1);

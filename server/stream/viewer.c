@@ -28,13 +28,13 @@ static int filter(struct server *s, struct lws *wsi)
     if (!g || g->state == GUEST_LEAVING)
         return -1;
     if (atomic_load(&s->stopping))
-        return http_refuse(s, wsi, 503, "The server is going away.\n");
+        return http_refuse(s, wsi, 503, "The server is shutting down.\n");
     if (!http_host_ok(s, wsi) || !http_origin_ok(wsi))
         return http_refuse(s, wsi, 403, "Pages of other sites are not served.\n");
     if (lws_hdr_copy(wsi, path, sizeof(path), WSI_TOKEN_GET_URI) <= 0 || strcmp(path, PROTOCOL_PATH) != 0)
         return http_refuse(s, wsi, 404, "WebSockets are at " PROTOCOL_PATH "\n");
     if (lws_hdr_copy(wsi, version, sizeof(version), WSI_TOKEN_VERSION) <= 0 || strcmp(version, "13") != 0)
-        return http_refuse(s, wsi, 400, "Only WebSocket version 13 is spoken.\n");
+        return http_refuse(s, wsi, 400, "Only WebSocket version 13 is supported.\n");
     if (lws_hdr_copy(wsi, http, sizeof(http), WSI_TOKEN_HTTP) <= 0 || strcmp(http, "HTTP/1.1") != 0 || !key_ok(wsi))
         return http_refuse(s, wsi, 400, "A WebSocket handshake is HTTP/1.1 with a key of 16 bytes.\n");
     if (!admission_forwarded(s, wsi))
@@ -85,7 +85,7 @@ static int open_viewer(struct server *s, struct lws *wsi, struct viewer **out)
     if (s->behind_proxy)
         visitor_name(v->guest->visitor, v->peer);
     if (atomic_load(&s->stopping))
-        viewer_close(v, 1001, "the server is going away");
+        viewer_close(v, 1001, "the server is shutting down");
     else
         viewer_has_room(v);
     return 0;
@@ -142,7 +142,7 @@ void viewers_tick(struct server *s)
         flood_check(v);
         if (v->waiting && now - v->moved_us > STREAM_STALL_US) {
             atomic_fetch_add(&s->counts.stalled, 1);
-            log_warning("%s: closed: it took no bytes for %d s; it got %llu pictures and skipped %llu", v->peer,
+            log_warning("%s: closed: it took no bytes for %d s; it got %llu images and skipped %llu", v->peer,
                         STREAM_STALL_US / 1000000, (unsigned long long)v->sent, (unsigned long long)v->skipped);
             lws_set_timeout(v->wsi, PENDING_TIMEOUT_USER_REASON_BASE, LWS_TO_KILL_ASYNC);
         } else if (!v->greeted && !v->close_code && now - v->opened_us > STREAM_HELLO_US) {
@@ -159,7 +159,7 @@ void viewers_tick(struct server *s)
 void viewers_leave(struct server *s)
 {
     for (struct viewer *v = s->viewers; v; v = v->next)
-        viewer_close(v, 1001, "the server is going away");
+        viewer_close(v, 1001, "the server is shutting down");
     for (struct watcher *w = s->watchers; w; w = w->next)
         watcher_close(w);
 }

@@ -141,7 +141,7 @@ static bool is_foreign(struct lws *wsi)
 static int admit(struct server *s, struct lws *wsi)
 {
     if (atomic_load(&s->stopping))
-        return refuse(s, wsi, 503, "The server is going away.");
+        return refuse(s, wsi, 503, "The server is shutting down.");
     if (is_foreign(wsi))
         return refuse(s, wsi, 403, "Pages of other sites may not show this; they may show /embed, with --embed-from.");
     if (!admission_forwarded(s, wsi))
@@ -251,7 +251,7 @@ static int watch(struct server *s, struct lws *wsi, const struct resource *r, ui
             pthread_mutex_unlock(&s->lock);
         }
         mem_free(w);
-        return refuse(s, wsi, 503, "Too many different widths are asked for at once; try again, or without a width.");
+        return refuse(s, wsi, 503, "Too many different widths are requested at once; try again, or omit the width.");
     }
     w->server = s;
     w->wsi = wsi;
@@ -288,7 +288,7 @@ int watcher_request(struct server *s, struct lws *wsi, const char *path, bool he
     }
     const char *none = why_none(s);
     if (none) {
-        snprintf(text, sizeof(text), "There is no picture yet: %s; try again later.", none);
+        snprintf(text, sizeof(text), "There is no image yet: %s; try again later.", none);
         return refuse(s, wsi, 503, text);
     }
     if (guest_refusal(s, guest_of(wsi), why, sizeof(why))) {
@@ -459,12 +459,12 @@ void watchers_tick(struct server *s)
     for (struct watcher *w = s->watchers; w; w = w->next) {
         if (w->waiting && now - w->moved_us > STREAM_STALL_US) {
             atomic_fetch_add(&s->counts.stalled, 1);
-            log_warning("%s: %s closed: it took no bytes for %d s; it got %llu pictures and skipped %llu", w->peer,
+            log_warning("%s: %s closed: it took no bytes for %d s; it got %llu images and skipped %llu", w->peer,
                         w->resource->path, STREAM_STALL_US / 1000000, (unsigned long long)w->sent,
                         (unsigned long long)w->skipped);
             kill_soon(w);
         } else if (!w->answered && !w->waiting && now - w->opened_us > WAIT_US) {
-            http_respond_text(w->wsi, 503, PLAIN, "No picture could be made in time; try again later.\n", w->head);
+            http_respond_text(w->wsi, 503, PLAIN, "No image could be made in time; try again later.\n", w->head);
             w->answered = true;
             kill_soon(w);
         } else if (has_left(w)) {

@@ -92,7 +92,7 @@ enum err team_serve(struct team *t, struct reason *why)
     enum err e = ERR_OK, failed = ERR_OK;
 
     if (!lo)
-        ranks_abort(t->desc.ranks, "out of memory for this rank's part of a picture");
+        ranks_abort(t->desc.ranks, "out of memory for this rank's part of an image");
     while (!e) {
         e = ranks_broadcast(t->desc.ranks, &order, sizeof(order));
         if (e || order.kind == ORDER_LEAVE)
@@ -109,7 +109,7 @@ enum err team_serve(struct team *t, struct reason *why)
         }
         const size_t size = cuts_bytes(t) + order.sky + order.faces;
         if (!room_for(&t->in, size))
-            ranks_abort(t->desc.ranks, "out of memory for the sky of a picture");
+            ranks_abort(t->desc.ranks, "out of memory for the sky of an image");
         e = ranks_broadcast(t->desc.ranks, t->in.at, size);
         if (!e)
             e = serve_one(t, &order, lo, &failed);
@@ -118,6 +118,6 @@ enum err team_serve(struct team *t, struct reason *why)
     mem_free(lo);
     e = e ? e : sent;
     if (e)
-        return err_say(why, e, "rank 0 does not answer any more");
-    return failed ? err_say(why, failed, "this rank's part of a picture: %s", err_text(failed)) : ERR_OK;
+        return err_say(why, e, "rank 0 no longer answers");
+    return failed ? err_say(why, failed, "this rank's part of an image: %s", err_text(failed)) : ERR_OK;
 }

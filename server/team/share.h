@@ -1,5 +1,5 @@
-/* How the ranks of a job compute a cache of light transport together: the functions of cache/cache_share.h by ranks/.
- * Thread: the relighter's. */
+/* Lets the ranks of a job compute a cache of light transport together: implements the functions of
+ * cache/cache_share.h with ranks/. Thread: the relighter's. */
 #ifndef TEAM_SHARE_H
 #define TEAM_SHARE_H
 

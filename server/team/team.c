@@ -372,9 +372,8 @@ static void report(const struct team *t)
 
     if (t->own > 0 || s->dealt == 0)
         return;
-    log_info("%" PRIu64 " pictures by %u ranks, %" PRIu64
-             " of them ordered early: %.1f KB to each rank and %.2f MB from "
-             "all of them per picture; %.2f s for rank 0's parts, %.2f s of waiting for others; G-buffer and caches: "
+    log_info("%" PRIu64 " images by %u ranks, %" PRIu64 " of them ordered early: %.1f KB to each rank and %.2f MB from "
+             "all of them per image; %.2f s for rank 0's parts, %.2f s of waiting for others; G-buffer and caches: "
              "%.1f MB on rank 0, at most %.1f MB on another",
              s->dealt, t->count, s->early, 1e-3 * (double)s->sent, 1e-6 * (double)s->received, s->part_s, s->wait_s,
              1e-6 * (double)s->memory, 1e-6 * (double)s->memory_most);

@@ -1,4 +1,4 @@
-/* Inside a team: what its files share. Private. Thread: the relighter's. */
+/* Data and functions that the files of this room share. Private. Thread: the relighter's. */
 #ifndef TEAM_TEAM_PARTS_H
 #define TEAM_TEAM_PARTS_H
 

@@ -1,4 +1,4 @@
-/* Serialises the passes of a picture for another process. Thread: the relighter's. */
+/* Serialises the passes of an image for another process. Thread: the relighter's. */
 #ifndef TEAM_WORK_H
 #define TEAM_WORK_H
 

@@ -54,7 +54,7 @@ static enum err read_options(const struct command *c, struct chart_program *char
     enum err e = command_read(c, why);
 
     if (!e && !d->out)
-        e = err_say(why, ERR_USAGE, "--out is missing: the folder that the chart goes to");
+        e = err_say(why, ERR_USAGE, "--out is missing: name the folder for the chart");
     if (!e)
         e = kernels_select(s->cpu, &d->kernels, why);
     if (!e && s->threads)

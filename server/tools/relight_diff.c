@@ -38,25 +38,24 @@ struct diff {
     double bounds[BOUNDS];            /* INFINITY: none */
 };
 
-#define COMPARED .section = "what is compared"
-#define RESULT .section = "what comes out"
-#define BOUND(index) .section = "bounds: beyond one of them the exit code is 1", REAL(0.0, 1e9), AT(bounds[index])
+#define COMPARED .section = "comparison"
+#define RESULT .section = "output"
+#define BOUND(index) .section = "bounds: the exit code is 1 beyond any of them", REAL(0.0, 1e9), AT(bounds[index])
 #define AT(field) SETTING_AT(diff, field)
 
 static const struct setting rows[] = {
-    { "mask", "FILE", "an image of the same size: where it is black, pixels are left out", NULL, COMPARED, TEXT,
-      AT(mask_path) },
+    { "mask", "FILE", "an image of the same size: its black pixels are left out", NULL, COMPARED, TEXT, AT(mask_path) },
     { "trim", "SHARE", "share of the worst pixels that the second relMSE leaves out", "0.02", COMPARED, REAL(0.0, 1.0),
       AT(trim) },
-    { "pixels-per-degree", "X", "of the observer's eye, for FLIP", "67", COMPARED,
+    { "pixels-per-degree", "X", "viewing distance for FLIP, in pixels per degree", "67", COMPARED,
       REAL(1.0, FLIP_PIXELS_PER_DEGREE_MAX), AT(pixels_per_degree) },
-    { "map", "FILE", "error of each pixel: .png is coloured from 0.1 % to 100 %, .exr holds the squares", NULL, RESULT,
-      TEXT, AT(map_path) },
-    { "json", NULL, "one JSON object in place of the table", NULL, RESULT, SWITCH, AT(json) },
-    { "max-mean", "X", "of the mean ratio's distance from 1, as 0.005", NULL, BOUND(BOUND_MEAN) },
-    { "max-relmse", "X", "of the relMSE without the worst pixels, as 1e-3", NULL, BOUND(BOUND_RELMSE) },
-    { "max-delta-e", "X", "of the mean visible difference", NULL, BOUND(BOUND_DELTA_E) },
-    { "max-flip", "X", "of mean FLIP", NULL, BOUND(BOUND_FLIP) },
+    { "map", "FILE", "error of each pixel: .png in colours from 0.1 % to 100 %, .exr as squares", NULL, RESULT, TEXT,
+      AT(map_path) },
+    { "json", NULL, "print one JSON object instead of the table", NULL, RESULT, SWITCH, AT(json) },
+    { "max-mean", "X", "on the mean ratio's distance from 1, such as 0.005", NULL, BOUND(BOUND_MEAN) },
+    { "max-relmse", "X", "on the relMSE without the worst pixels, such as 1e-3", NULL, BOUND(BOUND_RELMSE) },
+    { "max-delta-e", "X", "on the mean visible difference", NULL, BOUND(BOUND_DELTA_E) },
+    { "max-flip", "X", "on the mean FLIP", NULL, BOUND(BOUND_FLIP) },
     { .name = NULL },
 };
 
@@ -67,7 +66,7 @@ static enum err load(const char *path, struct image *im, struct reason *why)
         return e;
     const struct image_faults *f = &im->faults;
     if (f->nan + f->infinite + f->negative > 0)
-        log_warning("%s: put right before comparing: %" PRIu64 " NaN, %" PRIu64 " infinite, %" PRIu64
+        log_warning("%s: corrected before comparing: %" PRIu64 " NaN, %" PRIu64 " infinite, %" PRIu64
                     " negative values",
                     path, f->nan, f->infinite, f->negative);
     return ERR_OK;
@@ -129,7 +128,7 @@ static enum err compare(struct diff *d, struct reason *why)
     if (!metrics_compare(d->images[0].rgb, d->images[1].rgb, d->mask, width, height, d->trim, d->map, &d->metrics))
         return err_say(why, ERR_RANGE, "no pixel is left to compare: the mask is black, or out of memory");
     if (!flip_compare(d->images[0].rgb, d->images[1].rgb, d->mask, width, height, d->pixels_per_degree, NULL, &d->flip))
-        return err_say(why, ERR_NOMEM, "no memory to compare %" PRIu32 "x%" PRIu32 " as the eye does", width, height);
+        return err_say(why, ERR_NOMEM, "no memory to compare %" PRIu32 "x%" PRIu32 " for FLIP", width, height);
     take_means(d);
     return ERR_OK;
 }
@@ -185,7 +184,7 @@ static void print_table(const struct diff *d)
 
     printf("%s\nagainst %s\n%" PRIu32 " x %" PRIu32 ", %" PRIu64 " pixels compared\n\n", d->names[0], d->names[1],
            d->images[1].width, d->images[1].height, m->pixels);
-    printf("mean             picture   reference       ratio\n");
+    printf("mean               image   reference       ratio\n");
     for (int i = 0; i < 4; i++)
         printf("%-12s %11.6g %11.6g %11.5f\n", names[i], d->means[0][i], d->means[1][i],
                ratio(d->means[0][i], d->means[1][i]));
@@ -214,7 +213,7 @@ static enum err print_json(const struct diff *d, struct reason *why)
     /* names that are no UTF-8 cannot stand in JSON */
     if (!o || json_dumpf(o, stdout, JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(9)) != 0) {
         json_decref(o);
-        return err_say(why, ERR_FORMAT, "the result cannot be written as JSON: is a file name no UTF-8?");
+        return err_say(why, ERR_FORMAT, "the result cannot be written as JSON: is a file name not UTF-8?");
     }
     putchar('\n');
     json_decref(o);
@@ -242,7 +241,7 @@ static int exceeded(const struct diff *d)
 static enum err read_options(const struct command *c, struct diff *d, struct reason *why)
 {
     if (c->operand_count != 2)
-        return err_say(why, ERR_USAGE, "two pictures are wanted, PICTURE and REFERENCE (see %s --help)", c->name);
+        return err_say(why, ERR_USAGE, "expected two images, PICTURE and REFERENCE (see %s --help)", c->name);
     d->names[0] = c->operands[0];
     d->names[1] = c->operands[1];
     for (int i = 0; i < BOUNDS; i++)

@@ -43,14 +43,14 @@ static const struct setting_choice reinhart_choices[] = {
 };
 
 static const struct setting_choice bits_choices[] = {
-    { "8", 8, "as screens have them", 0 },
+    { "8", 8, "as on displays", 0 },
     { "16", 16, "for further processing", 0 },
     { NULL, 0, NULL, 0 },
 };
 
 static const struct setting_choice luminance_choices[] = {
     { "rec709", LUMINANCE_REC709, "0.2126 R + 0.7152 G + 0.0722 B", 0 },
-    { "radiance", LUMINANCE_RADIANCE, "0.265 R + 0.670 G + 0.065 B, as Radiance's programs have it", 0 },
+    { "radiance", LUMINANCE_RADIANCE, "0.265 R + 0.670 G + 0.065 B, as in Radiance's programs", 0 },
     { NULL, 0, NULL, 0 },
 };
 
@@ -79,19 +79,18 @@ static const struct setting rows[] = {
       "also write which pixels changed since the last frame: .png; red: changed, green: light computed, blue: rays "
       "traced towards the sun (--method cached)",
       NULL, OUTPUT, TEXT, AT(desc.changes) },
-    { "resume", NULL, "keep images that are there already, as after an interruption, and render the others", NULL,
-      OUTPUT, SWITCH, AT(desc.resume) },
-    { "collect", NULL, "as a job of mpirun: rank 0 writes the images of all ranks, where they share no file system",
+    { "resume", NULL, "keep existing images, for instance after an interruption, and render the rest", NULL, OUTPUT,
+      SWITCH, AT(desc.resume) },
+    { "collect", NULL, "under mpirun: rank 0 writes the images of all ranks, for hosts without a shared file system",
       NULL, OUTPUT, .needs = NEEDS_MPI, SWITCH, AT(desc.collect) },
-    { "split-frames", NULL, "as a job of mpirun: all ranks light each frame together, instead of one rank per frame",
-      NULL, RENDERING, .needs = NEEDS_MPI, SWITCH, AT(desc.split) },
+    { "split-frames", NULL, "under mpirun: all ranks light each frame together, instead of one rank per frame", NULL,
+      RENDERING, .needs = NEEDS_MPI, SWITCH, AT(desc.split) },
     { "bits", "B", "bits per channel of PNG", "8", OUTPUT, CHOICE(bits_choices), AT(bits) },
     { "layers", NULL,
       "write EXR with layers: light by class, sun and sky, albedo, normal, position, depth, error, Cryptomatte", NULL,
       OUTPUT, SWITCH, AT(desc.layers) },
-    { "alpha", NULL,
-      "with --ground: leave the background out; .exr and .png get an alpha channel, to be laid over another one", NULL,
-      OUTPUT, SWITCH, AT(desc.output.alpha) },
+    { "alpha", NULL, "with --ground: leave out the background; .exr and .png get an alpha channel for compositing",
+      NULL, OUTPUT, SWITCH, AT(desc.output.alpha) },
     { "components", "PATTERN",
       "instead of images: daylight coefficients for dctimestep, one .hdr per patch of Radiance's sky; DIR/%03d.hdr",
       NULL, OUTPUT, TEXT },
@@ -104,7 +103,7 @@ static const struct setting rows[] = {
       "with --annual: measure illuminance there; a file with a line 'x y z nx ny nz' each (metres), or "
       "grid:SURFACE,spacing=0.5,height=0.8,margin=0",
       NULL, OUTPUT, TEXT, AT(annual.sensors) },
-    { "pictures", "HOURS", "with --annual: images of these hours, MM-DDTHH:MM with commas between; seasons; or none",
+    { "pictures", "HOURS", "with --annual: images of these hours: MM-DDTHH:MM, separated by commas; seasons; or none",
       "seasons", OUTPUT, TEXT, AT(annual.pictures) },
     { "luminance", "W", "with --annual and --calibrate: luminance and illuminance from red, green and blue", "rec709",
       OUTPUT, CHOICE(luminance_choices), AT(weights) },
@@ -115,7 +114,7 @@ static const struct setting rows[] = {
     { "probe-preset", "P", "preset of --probe, as in figure 1 of Lu, Pacanowski and Granier 2013", NULL, OUTPUT,
       CHOICE(probe_presets), AT(probe.figure) },
     { "audit", "SHARE",
-      "with --stats: rays spent on finding a frame's error, over the frame's own; 0: leave the error unknown", "0.1",
+      "with --stats: rays spent on estimating a frame's error, as a share of the frame's own; 0: no estimate", "0.1",
       RENDERING, REAL(0.0, 1000.0), AT(desc.setup.light.audit) },
     { "stats", "FILE", "write statistics, one JSON object per frame ('-': standard output)", NULL, OUTPUT, TEXT,
       AT(desc.stats_path) },
@@ -148,7 +147,7 @@ static enum err check_denoise(const struct render *r, struct reason *why)
     if (!r->desc.setup.light.denoise)
         return ERR_OK;
     if (method_is_reference(method))
-        return err_say(why, ERR_USAGE, "--denoise has no meaning with --method %s, which lights pixels, not surfaces",
+        return err_say(why, ERR_USAGE, "--denoise cannot be used with --method %s, which lights pixels, not surfaces",
                        method_name(method));
     if (r->desc.target.seconds > 0.0 || r->desc.target.error > 0.0)
         return err_say(why, ERR_USAGE,
@@ -189,19 +188,20 @@ static enum err check_split(const struct render *r, struct reason *why)
                                                                           : NULL;
 
     if (d->collect && d->layers)
-        return err_say(why, ERR_USAGE, "--collect does not go with --layers: let all ranks write to a shared folder");
+        return err_say(why, ERR_USAGE,
+                       "--collect cannot be used with --layers: let all ranks write to a shared folder");
     if (!d->split)
         return ERR_OK;
     if (r->components.out.text)
-        return err_say(why, ERR_USAGE, "--split-frames has no meaning with --components");
+        return err_say(why, ERR_USAGE, "--split-frames cannot be used with --components");
     if (!light_deals(method))
         return err_say(why, ERR_USAGE,
                        "--split-frames does not work with --method %s, which needs more than the faces of the sky and "
-                       "the shade points of a rank: without it, each rank renders frames of its own",
+                       "the shade points of a rank: without it, each rank renders its own frames",
                        method_name(method));
     if (what)
         return err_say(why, ERR_USAGE,
-                       "--split-frames does not go with %s: without it, each rank renders frames of its own", what);
+                       "--split-frames cannot be used with %s: without it, each rank renders its own frames", what);
     return ERR_OK;
 }
 
@@ -219,25 +219,25 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
     if (command_get(c, "components")) {
         for (size_t k = 0; k < sizeof(others) / sizeof(others[0]); k++)
             if (command_get(c, others[k]))
-                return err_say(why, ERR_USAGE, "--%s has no meaning with --components", others[k]);
+                return err_say(why, ERR_USAGE, "--%s cannot be used with --components", others[k]);
         if (command_given(c, "source"))
-            return err_say(why, ERR_USAGE, "--source has no meaning with --components, which are for all skies");
+            return err_say(why, ERR_USAGE, "--source cannot be used with --components, which are for all skies");
         if (command_given(c, "scale"))
-            return err_say(why, ERR_USAGE, "--scale has no meaning with --components: a patch has a radiance of 1");
+            return err_say(why, ERR_USAGE, "--scale cannot be used with --components: a patch has a radiance of 1");
         if (r->desc.setup.initial.method == METHOD_COMPONENTS)
-            return err_say(why, ERR_USAGE, "--components has no meaning with --method components, which adds them up");
+            return err_say(why, ERR_USAGE, "--components cannot be used with --method components, which adds them up");
         return components_read(command_get(c, "components"), &r->components, why);
     }
     if (r->desc.calibrate_lux > 0.0 && command_given(c, "scale"))
-        return err_say(why, ERR_USAGE, "--calibrate has no meaning with --scale: give one or the other");
+        return err_say(why, ERR_USAGE, "--calibrate cannot be used with --scale: give one or the other");
     if (r->annual.folder) {
         for (size_t k = 0; k < sizeof(others) / sizeof(others[0]); k++)
             if (strcmp(others[k], "resume") != 0 && command_get(c, others[k]))
-                return err_say(why, ERR_USAGE, "--%s has no meaning with --annual", others[k]);
+                return err_say(why, ERR_USAGE, "--%s cannot be used with --annual", others[k]);
         if (command_get(c, "split-frames") || command_get(c, "collect"))
             return err_say(why, ERR_USAGE,
                            "--split-frames and --collect are for sequences of images, not for --annual");
-        return r->probing ? err_say(why, ERR_USAGE, "--probe has no meaning with --annual") : ERR_OK;
+        return r->probing ? err_say(why, ERR_USAGE, "--probe cannot be used with --annual") : ERR_OK;
     }
     r->desc.output.pattern = command_get(c, "out");
     r->desc.output.deep = r->bits == 16;
@@ -251,9 +251,8 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
                        method_name(r->desc.setup.light.direct.method));
     if (r->desc.output.pattern)
         return output_check(&r->desc.output, why);
-    return r->probing
-               ? ERR_OK
-               : err_say(why, ERR_USAGE, "--out is missing: where the pictures go, as --out DIR/picture.%%04d.exr");
+    return r->probing ? ERR_OK
+                      : err_say(why, ERR_USAGE, "--out is missing: name the images, such as --out DIR/image.%%04d.exr");
 }
 
 /* Flags of files in a format that lacks what they set, and of what was not asked for. */
@@ -326,7 +325,7 @@ static enum err export_components(struct render *r, struct reason *why)
     enum err e = set_create(&setup->set_desc, &set, why);
 
     if (!e && set->scene->ground.radius > 0.0f)
-        e = err_say(why, ERR_USAGE, "a ground has no meaning with --components: it is not linear in the sky");
+        e = err_say(why, ERR_USAGE, "a ground cannot be used with --components: it is not linear in the sky");
     if (e) {
         set_destroy(set);
         return e;
@@ -416,7 +415,7 @@ int main(int argc, char **argv)
     static struct command command = {
         .name = "relight-render",
         .synopsis = "--out PATTERN [--scene FILE] [--source S] [flags]",
-        .about = "Lights a scene by each frame of an environment sequence and writes the images to files.\n"
+        .about = "Lights a scene with each frame of an environment sequence and writes the images to files.\n"
                  "Exit code: 0 all frames rendered, 1 some could not be (each is named), 2 wrong usage.",
         .epilogue_title = "keys of sky:, with their defaults",
         .program = FOR_RENDER,

@@ -1,4 +1,4 @@
-/* Private to transport/: takes over from the last frame what has not changed (last.c). One frame at a time. */
+/* Reuses the parts of the last frame that have not changed (last.c). Private to transport/. One frame at a time. */
 #ifndef TRANSPORT_LAST_H
 #define TRANSPORT_LAST_H
 

@@ -1,6 +1,6 @@
 /* FFmpeg's libavcodec, libavformat and libavutil, loaded with the first encoder or output instead of with the program.
- * They bring 125 further libraries, four fifths of the time and a third of the memory of a program's start, and few
- * runs write video. The functions have their own names and types: ffmpeg()->av_frame_alloc(). */
+ * They pull in 125 further libraries, which take four fifths of the time and a third of the memory of a program's
+ * start, and few runs write video. The functions have their own names and types: ffmpeg()->av_frame_alloc(). */
 #ifndef VIDEO_FFMPEG_H
 #define VIDEO_FFMPEG_H
 

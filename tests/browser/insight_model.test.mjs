@@ -58,11 +58,11 @@ test('a choice starts when method or paths change, not when counts do', () => {
   };
   assert.equal(tell(1, 'auto', 'direct light, matte by 4 samples of light (as before)').begins, true);
   assert.equal(tell(2, 'auto', 'direct light, matte by 16 samples of light').begins, undefined);
-  assert.equal(tell(3, 'auto', 'direct light with the sun apart, matte by 16 samples of light').begins, true);
-  assert.equal(tell(4, 'mis', 'direct light with the sun apart, matte by 16 samples of light').begins, true);
+  assert.equal(tell(3, 'auto', 'direct light with a separate sun, matte by 16 samples of light').begins, true);
+  assert.equal(tell(4, 'mis', 'direct light with a separate sun, matte by 16 samples of light').begins, true);
   assert.deepEqual(insight.choices.map((c) => c.number), [1, 2, 3]);
   assert.equal(insight.choices[0].paths, 'direct light, matte by 16 samples of light');
-  assert.equal(choiceWords(insight.choices[2], 5004), '3, 5 s ago: mis: direct light with the sun apart, matte by 16 samples of light. Left out: caustics: none.');
+  assert.equal(choiceWords(insight.choices[2], 5004), '3, 5 s ago: mis: direct light with a separate sun, matte by 16 samples of light. Left out: caustics: none.');
   assert.equal(kindOf({ method: 'a', paths: 'x 1.1e+03' }), kindOf({ method: 'a', paths: 'x 0.2' }));
 });
 

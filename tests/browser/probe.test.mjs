@@ -231,7 +231,7 @@ test('a busy server is asked again, an older one is not', () => withPage(async (
   }, error);
   assert.match(await refuse({ code: 'busy', clause: '4.15.6', message: 'too many ask at once' }), /busy/);
   await untilAnswer(page, FLOOR); // without another request by us
-  assert.match(await refuse({ code: 'not_offered', clause: '4.15.7', message: 'there is no picture yet' }), /there is no picture yet/);
+  assert.match(await refuse({ code: 'not_offered', clause: '4.15.7', message: 'there is no image yet' }), /there is no image yet/);
   assert.match(await refuse({ code: 'unknown_op', clause: '3.4', message: 'op "probe" is not known' }), /does not support the pixel probe/);
   assert.ok(!(await page.isVisible('#probe-shown')));
 }));

@@ -30,8 +30,8 @@ test('a target of publishing has a sentence without folders', () => {
   assert.equal(publishSentence({ ...live, dropped: 1 }), 'Publishing to rtmp://media.example: live, 3.2 Mbit/s, 1 frame dropped.');
   assert.equal(publishSentence({ ...live, to: 'hls:/srv/www/hls', state: 'retrying', detail: 'No space left on device', dropped: 12 }),
     'Publishing to hls:hls: failed (No space left on device; trying again), 12 frames dropped.');
-  assert.equal(publishSentence({ ...live, to: 'srt://0.0.0.0:9000', state: 'waiting', detail: 'no receiver has called yet' }),
-    'Publishing to srt://0.0.0.0:9000: waiting (no receiver has called yet).');
+  assert.equal(publishSentence({ ...live, to: 'srt://0.0.0.0:9000', state: 'waiting', detail: 'no receiver has connected yet' }),
+    'Publishing to srt://0.0.0.0:9000: waiting (no receiver has connected yet).');
 });
 
 test('every state has a word and a sentence, with an image and without', () => {
@@ -142,8 +142,8 @@ test('the light sentence gives noise, progress and what was left out', () => {
   assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: 0.0001, computed: null, passes: 120, converged: true }),
     'Light: direct light. Noise about 1.0 %. Still sky: 120 passes, converged.');
   assert.equal(lightSentence({ paths: 'direct light', left_out: '', error: null, passes: null, converged: null }), 'Light: direct light.');
-  assert.equal(lightSentence({ paths: 'direct light', left_out: 'caustics: not asked for', error: null }),
-    'Light: direct light. Left out: caustics: not asked for.');
+  assert.equal(lightSentence({ paths: 'direct light', left_out: 'caustics: not requested', error: null }),
+    'Light: direct light. Left out: caustics: not requested.');
   assert.equal(lightSentence({ paths: 'direct light', error: 0.04 }), 'Light: direct light. Noise about 20 %.');
   assert.equal(lightSentence({}), '');
   assert.equal(lightSentence(undefined), '');

@@ -142,7 +142,7 @@ async def the_command_line_goes_before_the_file(folder):
     check(code == 2 and errors == ["relightd: error: --port 'x' is not a whole number from 0 to 65535"], f"{errors}")
     file = write(folder / "g.json", SMALL | {"error": 0.1})
     code, _, errors = run("--config", file)
-    check(code == 2 and errors == [f"relightd: error: {file}: --error is for --method auto without --samples"],
+    check(code == 2 and errors == [f"relightd: error: {file}: --error needs --method auto without --samples"],
           f"{errors}")
 
 
@@ -160,14 +160,14 @@ async def tokens_come_from_files_of_their_own(folder):
             check(await daemon.close_code(role, token) is None, f"{role} is not let in")
             check(await daemon.close_code(role, "wrong") == BAD_TOKEN, f"{role} is let in with a wrong token")
         log = daemon.log()
-        check(f"{loose} holds a token and is open to other users (mode 644)" in log, log)
+        check(f"{loose} holds a token that other users can access (mode 644)" in log, log)
         check(log.count("holds a token") == 1 and "holds tokens" not in log, log)
         check("from-" not in log, f"a token is in the log: {log}")
     file = write(folder / "g.json", SMALL | {"token-viewer": "in-the-file"}, 0o640)
     async with Daemon(file) as daemon:
         check(f"{file} holds tokens or stream keys, and other users may read it" in daemon.log(), daemon.log())
-    for bad, says in (("", "no token of 1 to"), ("\n", "no token of 1 to"), ("x" * 400, "no token of 1 to"),
-                      ("a\0b", "a byte that no token has")):
+    for bad, says in (("", "not a token of 1 to"), ("\n", "not a token of 1 to"), ("x" * 400, "not a token of 1 to"),
+                      ("a\0b", "a byte that tokens cannot have")):
         write(viewer, bad)
         code, _, errors = run("--port", "0", "--token-viewer-file", viewer)
         check(code == 2 and len(errors) == 1 and says in errors[0], f"{code} {errors}")
@@ -223,12 +223,12 @@ async def a_bad_file_on_reload_changes_nothing(folder):
         for count, text in enumerate(bad, start=1):
             write(file, text)
             daemon.process.send_signal(signal.SIGHUP)
-            await daemon.says("all stays as it was", count)
+            await daemon.says("nothing has changed", count)
             check(await daemon.close_code("viewer", "new-secret") == BAD_TOKEN, f"taken: {text}")
             check(await daemon.close_code("viewer", "old-secret") is None, f"lost by: {text}")
         file.unlink()
         daemon.process.send_signal(signal.SIGHUP)
-        await daemon.says("all stays as it was", len(bad) + 1)
+        await daemon.says("nothing has changed", len(bad) + 1)
         await status_of(daemon, "old-secret", lambda m: m["op"] == "control" and m["tone"] == "filmic")
         write(file, first | {"token-viewer": "new-secret"})
         await daemon.reload()

@@ -42,7 +42,7 @@ async def links_have_the_tokens_of_their_role(folder):
     check("RELIGHT_TOKEN='it'\\''s' relight-feed --to ws://[::1]:9000 SOURCE\n" in said, said)
     said = links("--behind-proxy", "--public-name", "relight.example.org,other.example.org", "--token-viewer", "v")
     check("https://relight.example.org/#role=viewer&token=v\n" in said, said)
-    check("--port 0 is any free port" in links("--port", "0", code=2), "no reason")
+    check("--port 0 takes any free port" in links("--port", "0", code=2), "no reason")
 
 
 async def a_qr_code_on_a_terminal_is_the_link(folder):
@@ -111,9 +111,9 @@ async def an_ending_or_foreign_certificate_is_dealt_with(folder):
     shutil.copy(narrow, folder / "own" / "cert.pem")
     shutil.copy(its_key, folder / "own" / "key.pem")
     async with own(folder) as daemon:
-        check("is not for" in daemon.before and "DNS:relight.lan" in daemon.before, daemon.before)
+        check("does not cover" in daemon.before and "DNS:relight.lan" in daemon.before, daemon.before)
     (folder / "own" / "cert.pem").write_text("nonsense")
-    for arguments, words in ((("--tls-self-signed", folder / "own"), "is no PEM certificate"),
+    for arguments, words in ((("--tls-self-signed", folder / "own"), "is not a PEM certificate"),
                              (("--tls-self-signed", folder / "no" / "such"), "cannot be made: No such file"),
                              (("--tls-self-signed", folder / "x", "--tls-cert", "a", "--tls-key", "b"), "exclude each other")):
         check(words in links(*arguments, code=2), words)

@@ -71,13 +71,13 @@ a_killed_year_goes_on_where_it_ended() {
     head -n -3 "$work/whole/illuminance.csv" >"$work/broken/illuminance.csv"
     rm "$work/broken/summary.json"
     year broken ,days=03-21 --pictures none --resume
-    grep -q 'hours are there already' "$work/stderr" || fail "nothing was kept"
+    grep -q 'hours are already done' "$work/stderr" || fail "nothing was kept"
     for f in hours.csv illuminance.csv sensors.csv summary.json; do
         cmp "$work/whole/$f" "$work/broken/$f" || fail "$f differs after --resume"
     done
     for other in days=03-22 'days=03-21 --no-visibility' 'days=03-21 --cells 2' 'days=03-21 --lamps 5'; do
         # shellcheck disable=SC2086 # several words
-        expect 2 'tables of a run with another scene, weather, sensors or settings' "$render" --scene "$work/floor.json" \
+        expect 2 'tables for another scene, weather, sensors or settings' "$render" --scene "$work/floor.json" \
             --source "epw:$work/x.epw,size=256x128,"${other} --annual "$work/broken" \
             --sensors grid:floor,spacing=5,height=1 --size 32x18 --method mis --samples 64 --pictures none --resume
     done
@@ -101,7 +101,7 @@ RUN
     head -c -20 one/illuminance.csv | head -n 9 >many/illuminance.csv
     rm many/summary.json many/picture-*
     year many ,days=03-21 --pictures 03-21T12:30,03-21T13:30,03-21T14:30,03-21T15:30 --resume
-    grep -q '5 of [0-9]* hours are there already' stderr || { cat stderr; fail "other hours were kept"; }
+    grep -q '5 of [0-9]* hours are already done' stderr || { cat stderr; fail "other hours were kept"; }
     same_files
     # A picture that cannot be written ends all ranks.
     rm -r many
@@ -116,7 +116,7 @@ what_makes_no_year_is_refused() {
     expect 1 "$work/none.epw: No such file" "$render" --annual "$work/no" --source "epw:$work/none.epw"
     expect 2 "has no surface 'roof'; it has ground, " "$render" --annual "$work/no" --source "epw:$work/x.epw" \
         --sensors grid:roof --size 16x9
-    expect 2 'out has no meaning with --annual' "$render" --annual "$work/no" --source "epw:$work/x.epw" --out x.exr
+    expect 2 'out cannot be used with --annual' "$render" --annual "$work/no" --source "epw:$work/x.epw" --out x.exr
     expect 2 'not for --annual' "$render" --annual "$work/no" --source "epw:$work/x.epw" --split-frames
     expect 2 '03-21T02:00 is not among the lit hours' "$render" --annual "$work/no" --source "epw:$work/x.epw" \
         --pictures 03-21T02:00
@@ -161,7 +161,7 @@ a_captured_map_is_calibrated() {
     for what in captured sky scaled; do grep -q '"unit": *"relative"' "$work/$what.json" || fail "$what is not relative"; done
     "$bin/relight-diff" "$work/calibrated.exr" "$work/uniform.exr" --max-mean 0.003 --max-relmse 1e-4 ||
         fail "the calibrated map is not the sky of 20,000 lx"
-    expect 2 'calibrate has no meaning with --scale' "$render" --calibrate 5 --scale 1 --out "$work/x.exr"
+    expect 2 'calibrate cannot be used with --scale' "$render" --calibrate 5 --scale 1 --out "$work/x.exr"
     printf '#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\0\0\0\0\0\0\0\0' >"$work/black.hdr"
     expect 1 'has no light from above' "$render" --source "$work/black.hdr" --calibrate 5 --size 16x9 --out "$work/x.exr"
 }

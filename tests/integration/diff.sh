@@ -107,8 +107,8 @@ bad_files_are_named() {
 }
 
 wrong_usage_ends_with_2_and_says_why() {
-    expect 2 'two pictures' "$bin/relight-diff"
-    expect 2 'two pictures' "$bin/relight-diff" a.exr
+    expect 2 'expected two images' "$bin/relight-diff"
+    expect 2 'expected two images' "$bin/relight-diff" a.exr
     expect 2 'unexpected argument' "$bin/relight-diff" a.exr b.exr c.exr
     expect 2 '--trim' "$bin/relight-diff" a.exr b.exr --trim 1.5
     expect 2 '--max-mean' "$bin/relight-diff" a.exr b.exr --max-mean none

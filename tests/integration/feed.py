@@ -45,9 +45,9 @@ async def written_frames_light_as_the_source_does(folder):
 
 async def what_cannot_be_written_is_refused(folder):
     out = folder / "x.exr"
-    expect(await run("relight-feed", "--out", out, "sky:"), 2, "never ends: choose frames, as --frames 0-9")
-    expect(await run("relight-feed", "--out", folder / "x.png", "--frames", "0", "sky:"), 2, "the name of an .exr file")
-    expect(await run("relight-feed", "--out", out, "--frames", "0-2", "sky:"), 2, "put %04d into it")
+    expect(await run("relight-feed", "--out", out, "sky:"), 2, "never ends: select frames, such as --frames 0-9")
+    expect(await run("relight-feed", "--out", folder / "x.png", "--frames", "0", "sky:"), 2, "a file name that ends in .exr")
+    expect(await run("relight-feed", "--out", out, "--frames", "0-2", "sky:"), 2, "add %04d")
     expect(await run("relight-feed", "--out", out, "--lockstep", "--frames", "0", "sky:"), 2, "give one of them")
     expect(await run("relight-feed", "--out", folder / "none" / "x.exr", "--frames", "0", "sky:size=64x32"), 1,
            "none/x.exr")
@@ -555,7 +555,7 @@ async def lost_pictures_of_a_watched_folder_are_an_error(folder):
         await asyncio.wait_for(again.wait(), 60)
         await asyncio.sleep(0.5)
         await program.kill(signal.SIGINT)
-        expect(program, 1, "pictures may be missing")
+        expect(program, 1, "images may be missing")
 
 
 async def end_waits_for_the_last_picture_to_be_stored(folder):
@@ -648,7 +648,7 @@ async def wrong_usage_ends_with_2(folder):
     pattern = sky_files(folder, 1)
     for arguments, text in (
             ((), "SOURCE is missing"), (("--to", "host", pattern), "ws://HOST:PORT"),
-            (("--to", "wss:host", pattern), "wss://HOST:PORT"), (("--ca", "some.pem", pattern), "--ca is of TLS"),
+            (("--to", "wss:host", pattern), "wss://HOST:PORT"), (("--ca", "some.pem", pattern), "--ca is for TLS"),
             (("--lockstep", "--loop", pattern), "exclude"),
             (("--lockstep", "--rate", "5", pattern), "exclude"), (("--sequence", "a/b", pattern), "--sequence 'a/b'"),
             (("--layout", "flat", pattern), "--layout 'flat'"), (("--raw", "double", pattern), "--raw 'double'"),

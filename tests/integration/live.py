@@ -204,7 +204,7 @@ async def web_server_that_is_down_is_waited_for(folder):
 async def render_gives_up_a_stream_that_never_comes(folder):
     port = free_port(socket.SOCK_STREAM)
     program = await run("relight-render", "--source", f"rtsp://user:secret@127.0.0.1:{port}/sky", "--out", folder / "x.exr", *SMALL)
-    expect(program, 1, "Connection refused; no picture came in 4 tries")
+    expect(program, 1, "Connection refused; no frame came in 4 attempts")
     check("secret" not in program.err, "the password is shown")
 
 
@@ -213,8 +213,8 @@ async def what_is_no_video_is_an_error_at_once(folder):
     with Web(folder) as web:
         for program in (("relightd", "--port", "0"), ("relight-render", "--out", folder / "x.exr"), ("relight-feed",)):
             url = (web.url + "/page.html",) if program[0] == "relight-feed" else ("--source", web.url + "/page.html")
-            expect(await run(*program, *url), 1, "/page.html: no video that this program reads")
-    expect(await run("relight-render", "--out", folder / "x.exr", "--source", "gopher://x/y"), 2, "gopher:// is no source; sources are rtsp://")
+            expect(await run(*program, *url), 1, "/page.html: not a video that this program can read")
+    expect(await run("relight-render", "--out", folder / "x.exr", "--source", "gopher://x/y"), 2, "gopher:// is not a source; sources are rtsp://")
     expect(await run("relight-render", "--out", folder / "x.exr", "--source", "v4l2:video0"), 2, "expected v4l2:/dev/videoN")
 
 
@@ -240,7 +240,7 @@ async def certificates_of_sources_are_verified(folder):
         subprocess.run(ffmpeg("-i", path, "-c", "copy", "-f", "hls", "-hls_base_url", web.url + "/", "-hls_segment_filename",
                               site / "v%d.ts", outside / "v.m3u8"), check=True)
         for url in (web.url + "/clip.mp4", plain.url + "/v.m3u8"):
-            expect(await run(*render, "--source", url), 1, "its certificate is not trusted (Peer certificate failed verification): name a PEM file")
+            expect(await run(*render, "--source", url), 1, "its certificate is not trusted (Peer certificate failed verification): use --source-ca")
             expect(await run(*render, "--source", url, "--source-ca", other), 1, "its certificate is not trusted")
             check(not (folder / "out.exr").exists(), "a picture all the same")
             for ca in (cert, "none"):

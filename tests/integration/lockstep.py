@@ -137,7 +137,7 @@ async def a_sequence_waits_for_light_transport(folder):
         feeder = await (await feed(server, "--frames", "20-24", SKY).start()).end()
         expect(feeder, 0)
         expect(await recorder.end(), 0)
-    check("beside the pictures" in server.program.err, server.program.err)
+    check("in the background" in server.program.err, server.program.err)
     names = await rendered(folder / "want", 5, "--source", SKY, "--frames", "20-24", *cached)
     compare(folder / "want", folder / "got", names)
 

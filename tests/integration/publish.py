@@ -145,7 +145,7 @@ async def srt_receiver_may_call_and_call_again(folder):
     async with Daemon(*SKY, *SMALL, *targets(f"{name}?mode=listener")) as daemon:
         log, party = Log(daemon), await Party.come(daemon.url, "viewer")
         for _ in range(2):
-            await party.until(lambda: told(party).get(name, {}).get("detail") == "no receiver has called yet")
+            await party.until(lambda: told(party).get(name, {}).get("detail") == "no receiver has connected yet")
             check(told(party)[name]["state"] == "waiting", told(party))
             async with receiver("-i", name, ("-f", "null", "-")) as sender:
                 await received(sender)

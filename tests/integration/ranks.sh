@@ -53,7 +53,7 @@ a_killed_rank_loses_nothing_that_is_complete() {
         before=$(find many -name '*.exr' | wc -l)
         for file in $(find many -name '*.exr'); do cmp "$file" "one/${file#many/}"; done
         job 3 "${frames[@]}" $mode --out many/%02d.exr --resume --stats stats.json 2>log
-        [ "$before" = 0 ] || grep -q "$before pictures were there and are kept, $((24 - before)) are new" log || { cat log; fail "not $before kept"; }
+        [ "$before" = 0 ] || grep -q "$before images were there and are kept, $((24 - before)) are new" log || { cat log; fail "not $before kept"; }
         [ "$(grep -c '"frame"' stats.json)" = $((24 - before)) ] || fail "statistics of other frames than the new ones"
         rm -f many/*.part
         same_files
@@ -79,12 +79,12 @@ RUN
     rm many/05.exr many/11.exr
     echo kept >many/09.exr
     mpirun --oversubscribe -n 3 ./rank.sh "${flags[@]}" --out many/%02d.exr --resume 2>log
-    grep -q '10 pictures were there and are kept, 2 are new' log || { cat log; fail "other pictures were kept"; }
+    grep -q '10 images were there and are kept, 2 are new' log || { cat log; fail "other pictures were kept"; }
     [ "$(cat many/09.exr)" = kept ] || fail "a picture was replaced"
     cp one/09.exr many/
     same_files
     [ -z "$(ls elsewhere)" ] || fail "another rank wrote"
-    expect 2 '--collect does not go with --layers' job 2 "${flags[@]}" --layers --out many/%02d.exr
+    expect 2 '--collect cannot be used with --layers' job 2 "${flags[@]}" --layers --out many/%02d.exr
 }
 
 # mpirun passes the signal on; what is there is whole.
@@ -101,7 +101,7 @@ a_job_that_is_told_to_end_ends_and_can_be_resumed() {
     [ "$before" -lt 100 ] || fail "it went on to the end"
     for file in many/*.exr; do "$bin/relight-diff" "$file" "$file" >/dev/null || fail "$file is not whole"; done
     "$render" "${frames[@]}" --frames 0-"$before" --out many/%02d.exr --resume 2>log
-    grep -q 'pictures were there and are kept' log || { cat log; fail "nothing was kept"; }
+    grep -q 'images were there and are kept' log || { cat log; fail "nothing was kept"; }
 }
 
 # The command of docs/clusters.md, with smaller and fewer pictures.
@@ -139,7 +139,7 @@ RUN
 resume_works_alone_and_keeps_what_is_there() {
     "$render" "${small[@]}" --frames 0-3 --samples 1 --out one/%d.exr
     echo kept >many/1.exr
-    expect 0 '1 pictures were there and are kept, 3 are new' "$render" "${small[@]}" --frames 0-3 --samples 1 --out many/%d.exr --resume
+    expect 0 '1 images were there and are kept, 3 are new' "$render" "${small[@]}" --frames 0-3 --samples 1 --out many/%d.exr --resume
     [ "$(cat many/1.exr)" = kept ] || fail "a picture was replaced"
     cp one/1.exr many/
     same_files
@@ -148,7 +148,7 @@ resume_works_alone_and_keeps_what_is_there() {
 what_cannot_be_shared_is_refused_by_rank_0() {
     expect 2 'a video, or standard output, holds all frames in order' job 2 "${small[@]}" --frames 0-3 --out a.mp4
     [ "$(grep -c relight-render stderr)" = 1 ] || { cat stderr; fail "more than one rank speaks"; }
-    expect 2 'by which a picture depends on those before' job 2 "${small[@]}" --frames 0-3 --exposure follow --out %d.jpg
+    expect 2 'which makes each image depend on earlier ones' job 2 "${small[@]}" --frames 0-3 --exposure follow --out %d.jpg
     expect 2 'frames can be taken in any order.*not watch:' job 2 --source watch:. --out %d.exr
     expect 2 '--probe is for one process' job 2 "${small[@]}" --frames 0-3 --probe 1,1
     expect 2 'a video, or standard output, holds all frames in order' "$render" "${small[@]}" --frames 0-3 --resume --out a.mp4
@@ -207,7 +207,7 @@ exec "$render" --source sky.hdr --size 64x36 --samples 1 --out $work/many/0.exr
 RUN
     chmod +x rank.sh
     expect 1 'rank 1 of 3 on .*: error: .*sky.hdr' mpirun --oversubscribe -n 3 ./rank.sh
-    grep -q 'rank 0 of 3 on .*: error: rank 1 has failed, and all end with it' stderr || { cat stderr; fail "rank 0 does not say why it ends"; }
+    grep -q 'rank 0 of 3 on .*: error: rank 1 has failed; all ranks stop' stderr || { cat stderr; fail "rank 0 does not say why it ends"; }
     [ -z "$(ls many)" ] || fail "pictures were written"
 }
 

@@ -475,7 +475,7 @@ async def wrong_usage_ends_with_2(folder):
     jpg = folder / "%d.jpg"
     for arguments, text in (
             ((), "--out is missing"), (("--out", folder / "a.jpg"), "names one file"),
-            (("--out", folder / "%d.png"), "--format is missing"), (("--out", folder / "%s.jpg"), "other '%'"),
+            (("--out", folder / "%d.png"), "add --format"), (("--out", folder / "%s.jpg"), "other '%'"),
             (("--out", jpg, "--format", "exr-half"), "does not match"),
             (("--out", jpg, "--format", "png"), "--format 'png' is unknown"), (("--out", jpg, "--quality", "0"), "--quality"),
             (("--out", folder / "%d.exr", "--quality", "50"), "only to JPEG"),

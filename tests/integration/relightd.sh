@@ -115,8 +115,8 @@ says() {
 
 light_transport_is_computed_beside_the_pictures_and_kept() {
     start --method cached --size 32x18 --source sky:size=128x64
-    says 'beside the pictures'
-    says 'there coarsely after'
+    says 'in the background'
+    says 'a coarse version is ready after'
     says 'interreflection: computed in'
     says 'light transport: computed in'
     says 'light transport and interreflection: kept in'
@@ -151,7 +151,7 @@ who_wants_to_wait_for_light_transport_waits() {
 
 light_transport_that_is_too_large_leaves_the_pictures_to_auto() {
     start --method cached --cache-memory 1 --size 160x90
-    says 'needs about .* MB, more than the limit of 1: .*sampled by auto instead'
+    says 'needs about .* MB, more than the limit of 1: .*auto samples the light instead'
     get /healthz >"$work/page" && grep -q '200 OK' "$work/page" || fail "it did not go on"
     stop
     [ "$code" = 0 ] || fail "exit code $code"

@@ -234,7 +234,7 @@ standard_output_gets_the_bytes_of_the_files() {
     local got=0
     "${render[@]}" --frames 0-99 --out - --format png 2>"$work/stderr" | head -c 100 >"$work/head" || got=${PIPESTATUS[0]}
     [ "$got" = 1 ] || fail "exit code $got when the reader ends"
-    grep -q 'standard output: its reader has ended' "$work/stderr" || { cat "$work/stderr"; fail "no message"; }
+    grep -q 'standard output: the reader has closed it' "$work/stderr" || { cat "$work/stderr"; fail "no message"; }
     expect 2 '--out - needs --format: .*exr, jpg, png, mp4, mkv or webm' "${render[@]}" --out -
     expect 2 "--format 'gif': .*exr, jpg, png" "${render[@]}" --out - --format gif
     expect 2 "--format is for --out -" "${render[@]}" --out "$work/a.png" --format jpg
@@ -308,7 +308,7 @@ every, direct = read("all"), read("direct")
 assert every["caustics"] == "light tracer" and every["interreflection"] == "eye paths", every
 assert every["particles"] == 20000 and every["eye_paths"] == 4 and every["left_out"] == [], every
 assert every["direct"] == {"strata": 7, "sun_apart": True, "compensated": True}, every
-assert direct["left_out"] == ["caustics: not asked for", "interreflection: not asked for"], direct
+assert direct["left_out"] == ["caustics: not requested", "interreflection: not requested"], direct
 PY
     for paths in caustics indirect; do
         "$bin/relight-diff" "$work/$paths.exr" "$work/all.exr" >"$work/diff.txt"
@@ -324,7 +324,7 @@ PY
 methods_that_cannot_be_are_refused_by_name() {
     local six="$work/six"
     expect 2 'caustics' "$bin/relight-render" --size 16x9 --samples 1 --paths shiny --out "$work/x.exr"
-    expect 2 "'3' is no power of two" "$bin/relight-render" --size 16x9 --cells 3 --out "$work/x.exr"
+    expect 2 "'3' is not a power of two" "$bin/relight-render" --size 16x9 --cells 3 --out "$work/x.exr"
     mkdir "$six"
     local face
     for face in px nx py ny pz nz; do
@@ -355,7 +355,7 @@ wrong_usage_ends_with_2_and_says_why() {
     expect 2 '\.exr, \.jpg, \.png, \.mp4, \.mkv or \.webm' "$bin/relight-render" --out x.tiff
     expect 2 "other '%'" "$bin/relight-render" --out '%s.exr'
     expect 2 '--frames' "$bin/relight-render" --frames 9-3 --out x.exr
-    expect 2 "takes one file, but the source has 4 frames: put %04d into it" "$bin/relight-render" --frames 0-3 --size 16x9 --out "$work/x.exr"
+    expect 2 "takes one file, but the source has 4 frames: add %04d" "$bin/relight-render" --frames 0-3 --size 16x9 --out "$work/x.exr"
     expect 2 'nosuch' "$bin/relight-render" --camera nosuch --size 16x9 --out "$work/x.exr"
     expect 2 'turbidty' "$bin/relight-render" --source sky:turbidty=3 --size 16x9 --out "$work/x.exr"
 }
@@ -512,12 +512,12 @@ every_cpu_level_gives_the_same_picture() {
 components_for_radiance_are_written_or_refused() {
     local render="$bin/relight-render" size='--size 16x9 --samples 4 --paths direct'
     mkdir "$work/parts"
-    expect 2 'names one file, but there is one a patch: put %03d into it' "$render" --components "$work/parts/one.hdr"
+    expect 2 'names one file, but each patch needs one: add %03d' "$render" --components "$work/parts/one.hdr"
     expect 2 'must end in .hdr' "$render" --components "$work/parts/%03d.exr"
     expect 1 'No such file or directory' "$render" --components "$work/nowhere/%03d.hdr"
     expect 2 'expected 1, 2 or 4' "$render" --components "$work/parts/%03d.hdr" --reinhart 3
-    expect 2 'out has no meaning with --components' "$render" --components "$work/parts/%03d.hdr" --out x.exr
-    expect 2 'source has no meaning with --components' "$render" --components "$work/parts/%03d.hdr" --source x.exr
+    expect 2 'out cannot be used with --components' "$render" --components "$work/parts/%03d.hdr" --out x.exr
+    expect 2 'source cannot be used with --components' "$render" --components "$work/parts/%03d.hdr" --source x.exr
     # shellcheck disable=SC2086
     expect 0 '146 component pictures' "$render" --components "$work/parts/%03d.hdr" $size
     [ "$(find "$work/parts" -name '???.hdr' | wc -l)" = 146 ] || fail "not 146 files"

@@ -15,7 +15,7 @@ parts_of_all_methods_have_the_bits_of_one_process() {
         local method=${methods[k]} ranks=$((k % 4 + 1))
         "$render" "${small[@]}" --samples 4 --method "$method" --out "one/$method.%d.exr"
         job $ranks "${small[@]}" --samples 4 --method "$method" --out "many/$method.%d.exr" --split-frames --threads $((k % 2 + 1)) 2>log
-        [ $ranks = 1 ] || grep -q "2 pictures by $ranks ranks, 1 of them ordered early" log || { cat log; fail "$method was not dealt"; }
+        [ $ranks = 1 ] || grep -q "2 images by $ranks ranks, 1 of them ordered early" log || { cat log; fail "$method was not dealt"; }
     done
     same_files
 }
@@ -45,7 +45,7 @@ parts_by_the_cache_have_the_bits_of_one_process() {
         job $ranks "${box[@]}" --out many/%d.exr --split-frames 2>log
         same_files
         # Four ranks find that too many packets have narrow lobes for rank 0 to light them all, and get the faces.
-        [ $ranks = 4 ] || grep -Eq "2 pictures by $ranks ranks, 1 of them ordered early: [12][0-9]\.[0-9] KB to each rank" log || { cat log; fail "more of the sky was sent"; }
+        [ $ranks = 4 ] || grep -Eq "2 images by $ranks ranks, 1 of them ordered early: [12][0-9]\.[0-9] KB to each rank" log || { cat log; fail "more of the sky was sent"; }
         rm many/*
     done
     # Eye paths need all faces of the sky; its sun moves, and texels are bright in one picture and not in the next.
@@ -59,9 +59,9 @@ parts_by_the_cache_have_the_bits_of_one_process() {
 what_ranks_cannot_light_is_refused_by_name() {
     expect 2 'does not work with --method path' job 2 "${small[@]}" --method path --samples 1 --out many/%d.exr --split-frames
     expect 2 'does not work with --method latlong' job 2 "${small[@]}" --method latlong --samples 1 --out many/%d.exr --split-frames
-    expect 2 'does not go with --denoise' job 2 "${small[@]}" --denoise --out many/%d.exr --split-frames
-    expect 2 'does not go with --fps or --error' job 2 "${small[@]}" --fps 1 --out many/%d.exr --split-frames
-    expect 2 'does not go with a ground' job 2 "${small[@]}" --ground --out many/%d.exr --split-frames
+    expect 2 'cannot be used with --denoise' job 2 "${small[@]}" --denoise --out many/%d.exr --split-frames
+    expect 2 'cannot be used with --fps or --error' job 2 "${small[@]}" --fps 1 --out many/%d.exr --split-frames
+    expect 2 'cannot be used with a ground' job 2 "${small[@]}" --ground --out many/%d.exr --split-frames
     [ -z "$(ls many)" ] || fail "pictures were written"
 }
 
@@ -119,7 +119,7 @@ a_live_job_orders_frames_early() {
         kill $launcher
         wait $launcher || true
     done
-    grep -Eq 'pictures by 3 ranks, [1-9][0-9]* of them ordered early' many.log || { cat many.log; fail "no frame went out early"; }
+    grep -Eq 'images by 3 ranks, [1-9][0-9]* of them ordered early' many.log || { cat many.log; fail "no frame went out early"; }
     local file same=0
     for file in one/*.exr; do
         [ ! -e "many/${file#one/}" ] || { cmp "$file" "many/${file#one/}"; same=$((same + 1)); }

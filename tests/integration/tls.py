@@ -231,7 +231,7 @@ async def a_bad_certificate_on_reload_changes_nothing(folder):
                              ((old.read_bytes(), old_key.read_bytes()), f"{cert}: has expired")):
             cert.write_bytes(files[0])
             key.write_bytes(files[1])
-            said = await renew(daemon, "all stays as it was")
+            said = await renew(daemon, "nothing has changed")
             check(words in said, f"no '{words}': {said}")
             check(shown(port) == serial, f"{words}: shown is {shown(port)}")
             check((await get(port, context, "/healthz")).startswith(b"HTTP/1.1 200"), "it no longer answers")

@@ -31,7 +31,7 @@ async def flags_place_the_camera_as_a_scene_file_does(folder):
     check(await render("elsewhere", "d.exr", *moved[:2]) != wanted, "the position alone is enough")
     for flags, words in ((("--position", "1,2"), "--position 1,2: expected three numbers"),
                          (("--position", "1,2,3", "--look-at", "1,2,3"), "the point that it looks at"),
-                         (("--camera", "@1,2,3"), "is no view such as"), (("--fov", "0"), "--fov")):
+                         (("--camera", "@1,2,3"), "is not a view such as"), (("--fov", "0"), "--fov")):
         said = await run("relight-render", "--scene", folder / "there.json", *STILL, *SIZE, *flags, "--out", folder / "x.exr")
         expect(said, 2, words)
 

@@ -233,7 +233,7 @@ async def a_state_that_is_none_is_refused(folder):
         async with Daemon("--state", str(folder), "--samples", "4") as daemon:
             one = await Party.come(daemon.url, "viewer")
             check(one.last["control"]["tone"] == "filmic", f"{broken[:40]} was taken")
-            check("state.json" in daemon.before and "as the command line says" in daemon.before,
+            check("state.json" in daemon.before and "the command line's settings" in daemon.before,
                   f"{broken[:40]} is not named: {daemon.before}")
 
 
@@ -310,7 +310,7 @@ async def a_terminal_has_a_line_of_status_and_a_pipe_has_none(folder):
     os.close(theirs)
     os.set_blocking(ours, False)
     said, end = b"", time.monotonic() + WAIT_S
-    while not re.search(rb"\r\x1b\[K[\d.]+ pictures/s, 0 viewers", said) and time.monotonic() < end:
+    while not re.search(rb"\r\x1b\[K[\d.]+ images/s, 0 viewers", said) and time.monotonic() < end:
         try:
             said += os.read(ours, 65536)
         except BlockingIOError:
@@ -318,13 +318,13 @@ async def a_terminal_has_a_line_of_status_and_a_pipe_has_none(folder):
     process.terminate()
     await process.wait()
     os.close(ours)
-    check(b"pictures/s, 0 viewers" in said, f"no status: {said}")
+    check(b"images/s, 0 viewers" in said, f"no status: {said}")
     async with Daemon("--samples", "4") as daemon:
         await until_ready(daemon)
         await asyncio.sleep(1)
         daemon.process.terminate()
         said = (await daemon.process.stderr.read()).decode()
-        check("pictures/s" not in said and "\x1b" not in said, f"a pipe has a status: {said}")
+        check("images/s" not in said and "\x1b" not in said, f"a pipe has a status: {said}")
 
 
 # ---- The end ----

@@ -56,7 +56,7 @@ async def the_systems_authorities_are_trusted_unless_others_are_named(folder):
         os.environ["SSL_CERT_FILE"] = str(cert)
         to = f"https://127.0.0.1:{port_of(daemon.url)}"
         expect(await feed(to), 0)
-        expect(await feed(to, "--ca", other), 1, "--ca has no authority that signed it")
+        expect(await feed(to, "--ca", other), 1, "no authority in --ca signed it")
         os.environ["SSL_CERT_FILE"] = str(other)
         expect(await feed(to), 1, "its certificate is not trusted")
 
@@ -65,9 +65,9 @@ async def what_is_wrong_with_a_certificate_is_said(folder):
     good, (_, key) = certificate(folder, "good"), certificate(folder, "other")
     elsewhere, old = certificate(folder, "elsewhere", names="DNS:elsewhere.example"), expired(folder)
     for (cert, key), host, ca, words in (
-            (good, "localhost", (), "is not trusted (self-signed certificate): name a PEM file"),
-            (elsewhere, "localhost", ("--ca", elsewhere[0]), "(hostname mismatch): connect by a name that it is for"),
-            (elsewhere, "127.0.0.1", ("--ca", elsewhere[0]), "(IP address mismatch): connect by a name"),
+            (good, "localhost", (), "is not trusted (self-signed certificate): use --ca FILE"),
+            (elsewhere, "localhost", ("--ca", elsewhere[0]), "(hostname mismatch): connect with a name that it covers"),
+            (elsewhere, "127.0.0.1", ("--ca", elsewhere[0]), "(IP address mismatch): connect with a name"),
             (old, "localhost", ("--ca", old[0]), "(certificate has expired): renew it there, or set the clock here")):
         async with Server(uses_all, tls=served(cert, key)) as server:
             to = f"wss://{host}:{server.port}"
@@ -91,7 +91,7 @@ async def ca_files_that_will_not_do_are_named(folder):
     (folder / "text.pem").write_text("no certificate\n")
     for to, ca, code, words in (("wss://127.0.0.1", "none.pem", 1, "none.pem: cannot be read: No such file"),
                                 ("wss://127.0.0.1", "text.pem", 1, "text.pem: has no certificate in PEM form"),
-                                ("ws://127.0.0.1", "none.pem", 2, "--ca is of TLS")):
+                                ("ws://127.0.0.1", "none.pem", 2, "--ca is for TLS")):
         expect(await feed(to, "--ca", folder / ca), code, words)
 
 
@@ -117,7 +117,7 @@ async def tls_on_one_side_only_is_told(folder):
 
 async def a_name_that_dns_does_not_know_is_told(folder):
     for scheme in "ws", "wss":
-        expect(await feed(f"{scheme}://no-such-host.invalid"), 1, "no address is known for 'no-such-host.invalid'")
+        expect(await feed(f"{scheme}://no-such-host.invalid"), 1, "'no-such-host.invalid' cannot be resolved")
 
 
 async def a_large_frame_goes_up_whole_to_a_slow_reader(folder):

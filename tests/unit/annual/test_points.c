@@ -110,7 +110,7 @@ static void bad_lines_are_refused(void **state)
     } cases[] = { { "1 2 3 0 1 0\n1,,2 3 0 1 0\n", "line 2: number 2 of" },
                   { "1 2 3 0 1 0,\n", "line 1: more than the six numbers" },
                   { "1 2 3 0 1\n", "line 1: number 6 of" },
-                  { "1 2 3 0 0 0\n", "line 1: the normal has no length" } };
+                  { "1 2 3 0 0 0\n", "line 1: the normal has zero length" } };
 
     (void)state;
     for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {

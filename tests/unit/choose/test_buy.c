@@ -89,7 +89,7 @@ static void it_is_computed_when_as_much_has_been_spent(void **state)
     assert_true(fabs(clocked(1e-2, 0.044, 0.0, 0).break_even - 51.2) < 1e-9);
     assert_false(clocked(1e-2, 0.044, 2.04, 0).yes);
     assert_true(clocked(1e-2, 0.044, 2.05, 0).yes);
-    assert_false(clocked(1e-2, 0.004, 100.0, 0).yes); /* a frame by it takes as long */
+    assert_false(clocked(1e-2, 0.004, 100.0, 0).yes); /* a frame from it takes as long */
 }
 
 /* Frames in haste take no longer than those of the cache, and are worse: 2048 / 60 of them, and (2048 + 1250) / 124. */

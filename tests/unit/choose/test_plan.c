@@ -111,8 +111,8 @@ static void what_was_not_asked_for_is_not_done(void **state)
     struct plan p = planned(&court, &direct_alone);
     assert_true(p.caustics == PLAN_NONE && p.indirect == PLAN_NONE && p.indirect_caustics == PLAN_NONE);
     assert_true(p.particles == 0 && p.eye_paths == 0 && !p.behind_caustics && !p.behind_indirect);
-    assert_left_out(&p, 2, "caustics: not asked for");
-    assert_string_equal(p.left_out[1], "interreflection: not asked for");
+    assert_left_out(&p, 2, "caustics: not requested");
+    assert_string_equal(p.left_out[1], "interreflection: not requested");
 
     w.indirect_by = PLAN_NONE;
     p = planned(&court, &w);

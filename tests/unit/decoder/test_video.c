@@ -124,7 +124,7 @@ static void faults_are_told_by_the_streams_name(void **state)
     must_say(video_open(d, &other, &why), ERR_UNSUPPORTED, &why, "no decoder for its codec, odd");
     assert_false(video_is_open(d));
     assert_int_equal(video_open(d, &desc, &why), ERR_OK);
-    must_say(video_convert(d, &desc, &f, &seen, &why), ERR_FORMAT, &why, "no picture was decoded");
+    must_say(video_convert(d, &desc, &f, &seen, &why), ERR_FORMAT, &why, "no frame was decoded");
     must_say(video_packet(d, &desc, (const uint8_t *)"no JPEG at all", 14, 0, &picture, &why), ERR_FORMAT, &why,
              "a packet cannot be decoded: Invalid data");
     assert_true(video_is_open(d)); /* the stream goes on */

@@ -376,7 +376,7 @@ static void the_first_and_last_random_numbers_give_samples(void **state)
     for_all(takes_extremes);
 }
 
-/* DESIGN: per face, a density where there is light; of a table with the sun apart, one of two densities; and a stratum
+/* DESIGN: per face, a density where there is light; of a table with a separate sun, one of two densities; and a stratum
  * without light has none. A compensated table may leave out what is darker than half of the mean. */
 static void covers_the_lit(const struct sampler *s, uint64_t seed)
 {

@@ -148,7 +148,7 @@ static void it_is_kept_and_made_again_without_its_key(void **state)
     fputs("damaged", f);
     fclose(f);
     assert_int_equal(tls_self_signed(folder, NULL, cert, key, sizeof(cert), &why), ERR_USAGE);
-    assert_non_null(strstr(why.text, "is no PEM certificate"));
+    assert_non_null(strstr(why.text, "is not a PEM certificate"));
     memset(long_name, 'x', sizeof(long_name) - 1);
     long_name[sizeof(long_name) - 1] = '\0';
     assert_int_equal(tls_self_signed(long_name, NULL, cert, key, sizeof(cert), &why), ERR_USAGE);
@@ -183,7 +183,7 @@ static void the_log_has_the_fingerprint_and_the_names_that_are_missing(void **st
     text[fread(text, 1, sizeof(text) - 1, f)] = '\0';
     fclose(f);
     if (!strstr(text, want) || !strstr(text, "using ") ||
-        !strstr(text, "is not for DNS:new.example, IP:198.51.100.9: browsers"))
+        !strstr(text, "does not cover DNS:new.example, IP:198.51.100.9: browsers"))
         fail_msg("not in the log: %s", text);
     assert_null(strstr(text, "localhost"));
 }

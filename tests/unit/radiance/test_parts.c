@@ -303,11 +303,10 @@ static void what_is_no_set_of_parts_is_refused(void **state)
     refuse(f.pattern, WIDTH, 0, ERR_FORMAT, "/000.hdr is missing or not readable: there are 0 files from number 0 on");
     make_parts(part);
     write_parts(&f, part);
-    refuse(f.pattern, 2 * WIDTH, 0, ERR_USAGE,
-           "/000.hdr: is 9x6 pixels, and the picture 18x6: give its size by --size");
+    refuse(f.pattern, 2 * WIDTH, 0, ERR_USAGE, "/000.hdr: is 9x6 pixels, and the image 18x6: set its size with --size");
     refuse(f.pattern, WIDTH, 1000, ERR_RANGE, "take 0 MB, above the 0 MB of --cache-memory");
     write_part(&f, 101, part[101][0], 6, 9);
-    refuse(f.pattern, WIDTH, 0, ERR_USAGE, "/101.hdr: is 6x9 pixels, and the picture 9x6: all parts must have");
+    refuse(f.pattern, WIDTH, 0, ERR_USAGE, "/101.hdr: is 6x9 pixels, and the image 9x6: all parts must have");
     write_part(&f, 101, part[101][0], 9, 6);
     write_part(&f, 146, part[101][0], 9, 6);
     refuse(f.pattern, WIDTH, 0, ERR_FORMAT,
@@ -317,7 +316,7 @@ static void what_is_no_set_of_parts_is_refused(void **state)
     assert_int_equal(unlink(name), 0);
     name_of(&f, 145, name, sizeof(name));
     assert_int_equal(unlink(name), 0);
-    refuse(f.pattern, WIDTH, 0, ERR_FORMAT, "has 146 patches, of which 0 is the ground: is that one left out?");
+    refuse(f.pattern, WIDTH, 0, ERR_FORMAT, "has 146 patches, of which 0 is the ground: is it missing?");
     name_of(&f, 57, name, sizeof(name));
     assert_int_equal(truncate(name, 30), 0);
     write_part(&f, 145, part[145][0], 9, 6);
@@ -327,7 +326,7 @@ static void what_is_no_set_of_parts_is_refused(void **state)
     refuse(name, WIDTH, 0, ERR_IO, "No such file");
     for (int bad = 0; bad < 3; bad++) {
         static const char *const says[] = { "has 145 columns; a sky has 146, 578 or 2306",
-                                            "has 7 rows, and a picture of 9x6 54 pixels", "goes on after 54 x 145" };
+                                            "has 7 rows, and an image of 9x6 54 pixels", "goes on after 54 x 145" };
         FILE *out = fopen(name, "w");
         assert_non_null(out);
         fprintf(out, "#?RADIANCE\nNROWS=%d\nNCOLS=%d\nNCOMP=3\nFORMAT=ascii\n\n", bad == 1 ? 7 : PIXELS,

@@ -53,7 +53,7 @@ static void what_is_no_view_is_refused(void **state)
         struct reason why = { "" };
         if (free_view_read(bad[i], &c, &why) != ERR_USAGE)
             fail_msg("%s is taken", bad[i]);
-        assert_true(strstr(why.text, "is no view such as") || strstr(why.text, "the point that it looks at"));
+        assert_true(strstr(why.text, "is not a view such as") || strstr(why.text, "the point that it looks at"));
     }
 }
 

@@ -134,8 +134,8 @@ static void what_cannot_be_is_refused_by_its_name(void **state)
         { "--compensate yes", "--compensate 'yes' is unknown; expected off, on or auto" },
         { "--importance least", "--importance 'least' is unknown; expected luminance, mean or max" },
         { "--tone aces", "--tone 'aces' is unknown; expected filmic, reinhard, linear, false-colour or pq" },
-        { "--cells 3", "--cells '3' is no power of two" },
-        { "--interleave 3", "--interleave '3' is no power of two" },
+        { "--cells 3", "--cells '3' is not a power of two" },
+        { "--interleave 3", "--interleave '3' is not a power of two" },
         { "--samples 0", "--samples '0' is not a whole number from 1 to 1048576" },
         { "--rotate 1e9", "--rotate '1e9' is not a number from -3600 to 3600" },
     };

@@ -456,8 +456,9 @@ static void colour_may_change_on_the_way(void **state)
                *b = folder_path(&folder, "b.ts"), *clip = folder_path(&folder, "both.ts");
     clips_ramp(ramp, 8, false, 3);
     clips_run(CLIP_RAW8 "-c:v libx264 -qp 0 " TAGS("bt709", "bt709", "bt709") "%s", ramp, a);
-    clips_run(CLIP_RAW8 "-c:v libx264 -qp 0 -x264-params transfer=iec61966-2-1 " TAGS("bt709", "iec61966-2-1", "bt709")
-              "%s", ramp, b);
+    clips_run(CLIP_RAW8
+              "-c:v libx264 -qp 0 -x264-params transfer=iec61966-2-1 " TAGS("bt709", "iec61966-2-1", "bt709") "%s",
+              ramp, b);
     clips_run("cat %s %s > %s", a, b, clip);
     struct source *s = open_clip(&(struct source_desc){ .spec = clip });
     for (; source_next(s, &f, &why) == ERR_OK; count++)
@@ -504,7 +505,7 @@ static void files_that_refer_to_others_are_refused(void **state)
     assert_non_null(strstr(why.text, "list.mp4"));
     folder_put(&folder, "text.mkv", "this is no video\n");
     assert_true(source_open(&(struct source_desc){ .spec = folder_path(&folder, "text.mkv") }, &s, &why) != ERR_OK);
-    assert_non_null(strstr(why.text, "no video that this program reads"));
+    assert_non_null(strstr(why.text, "not a video that this program can read"));
     folder_remove(&folder);
 }
 
@@ -513,7 +514,7 @@ static void urls_of_other_schemes_are_named(void **state)
     static const struct {
         const char *spec, *said;
     } rows[] = {
-        { "ftp://host/sky.mp4", "ftp:// is no source; sources are rtsp://" },
+        { "ftp://host/sky.mp4", "ftp:// is not a source; sources are rtsp://" },
         { "file:///sky.mp4", "name files without file://, as /sky.mp4" },
         { "rtsp:///stream", "the host is missing; expected rtsp://HOST" },
         { "rtmp://:1935/a/b", "the host is missing" },

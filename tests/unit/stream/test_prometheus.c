@@ -241,7 +241,7 @@ static void ready_when_the_scene_and_a_picture_are_there(void **state)
     server_set_figures(s, &f);
     text = get(s, "/readyz", "", 503);
     assert_non_null(text);
-    assert_non_null(strstr(text, "the first picture is being made"));
+    assert_non_null(strstr(text, "the first image is being made"));
     free(text);
     publish(s, 1, 100);
     text = get(s, "/readyz", "", 200);
@@ -307,7 +307,7 @@ static void long_work_is_life_and_sleep_is_not(void **state)
     assert_false(h.alive);
     char *text = get(s, "/healthz", "", 503);
     assert_non_null(text);
-    assert_non_null(strstr(text, "the thread that makes pictures does nothing"));
+    assert_non_null(strstr(text, "the rendering thread does not respond"));
     free(text);
     sem_post(&m.end);
     pthread_join(thread, NULL);

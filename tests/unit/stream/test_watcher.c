@@ -121,7 +121,7 @@ static void bad_requests_are_answered_in_a_line(void **state)
 
     ask(s, "GET", "/snapshot.jpg", NULL, &a);
     assert_int_equal(a.status, 503);
-    assert_non_null(strstr((char *)a.body, "There is no picture yet: "));
+    assert_non_null(strstr((char *)a.body, "There is no image yet: "));
     assert_int_equal(status_of(s, "/stream.mjpeg", NULL), 503);
     publish(s, 1, 500);
     for (size_t i = 0; i < sizeof(widths) / sizeof(widths[0]); i++) {
