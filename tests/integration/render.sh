@@ -519,7 +519,7 @@ components_for_radiance_are_written_or_refused() {
     expect 2 'out cannot be used with --components' "$render" --components "$work/parts/%03d.hdr" --out x.exr
     expect 2 'source cannot be used with --components' "$render" --components "$work/parts/%03d.hdr" --source x.exr
     # shellcheck disable=SC2086
-    expect 0 '146 component pictures' "$render" --components "$work/parts/%03d.hdr" $size
+    expect 0 '146 component images' "$render" --components "$work/parts/%03d.hdr" $size
     [ "$(find "$work/parts" -name '???.hdr' | wc -l)" = 146 ] || fail "not 146 files"
     grep -aq '^VIEW= -vtv' "$work/parts/145.hdr" || fail "no view"
     if grep -aq 'EXPOSURE' "$work/parts/000.hdr"; then fail "an exposure"; fi

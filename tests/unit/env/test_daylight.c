@@ -285,7 +285,7 @@ static void bad_specs_are_refused(void **state)
     (void)state;
     refuse("epw:", "the weather file is missing");
     refuse("epw:/nowhere/x.epw", "/nowhere/x.epw: No such file");
-    refuse("epw:x.epw,days=02-30", "'02-30' is no day");
+    refuse("epw:x.epw,days=02-30", "'02-30' is not a date");
     refuse("epw:x.epw,hours=18-8", "hours=18-8 is not A-B");
     refuse("epw:x.epw,efficacy=high", "efficacy=high is not perez, file or a number");
     refuse("epw:x.epw,cloud=3", "unknown key 'cloud'");
