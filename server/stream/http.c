@@ -43,25 +43,29 @@ static bool is_listed(const char *list, const char *name)
     }
 }
 
+bool http_is_address(const struct sockaddr_storage *local, const char *name)
+{
+    const struct sockaddr_in6 *six = (const struct sockaddr_in6 *)local;
+    const struct sockaddr_in *four = (const struct sockaddr_in *)local;
+    struct in6_addr named;
+
+    if (inet_pton(AF_INET6, name, &named) == 1)
+        return local->ss_family == AF_INET6 && memcmp(&named, &six->sin6_addr, sizeof(named)) == 0;
+    if (inet_pton(AF_INET, name, &named) != 1)
+        return false;
+    if (local->ss_family == AF_INET6) /* a dual-stack socket maps IPv4 to the last four bytes */
+        return IN6_IS_ADDR_V4MAPPED(&six->sin6_addr) && memcmp(&named, six->sin6_addr.s6_addr + 12, 4) == 0;
+    return memcmp(&named, &four->sin_addr, 4) == 0;
+}
+
 /* Whether the name is the numeric address at which this connection reached us. A page that an attacker's DNS lets in
  * has a name, never a number. */
 static bool is_local_address(struct lws *wsi, const char *name)
 {
     struct sockaddr_storage local = { 0 };
-    const struct sockaddr_in6 *six = (const struct sockaddr_in6 *)&local;
-    const struct sockaddr_in *four = (const struct sockaddr_in *)&local;
     socklen_t size = sizeof(local);
-    struct in6_addr named;
 
-    if (getsockname(lws_get_socket_fd(wsi), (struct sockaddr *)&local, &size) != 0)
-        return false;
-    if (inet_pton(AF_INET6, name, &named) == 1)
-        return local.ss_family == AF_INET6 && memcmp(&named, &six->sin6_addr, sizeof(named)) == 0;
-    if (inet_pton(AF_INET, name, &named) != 1)
-        return false;
-    if (local.ss_family == AF_INET6) /* a dual-stack socket maps IPv4 to the last four bytes */
-        return IN6_IS_ADDR_V4MAPPED(&six->sin6_addr) && memcmp(&named, six->sin6_addr.s6_addr + 12, 4) == 0;
-    return memcmp(&named, &four->sin_addr, 4) == 0;
+    return getsockname(lws_get_socket_fd(wsi), (struct sockaddr *)&local, &size) == 0 && http_is_address(&local, name);
 }
 
 bool http_host_ok(const struct server *s, struct lws *wsi)

@@ -263,6 +263,9 @@ struct http_head {
 /* http.c: sends it. 0, or -1: close the connection. */
 int http_send_head(struct lws *wsi, const struct http_head *head);
 
+/* Whether a name is a socket's own address, numerically. */
+bool http_is_address(const struct sockaddr_storage *local, const char *name);
+
 /* http.c: the headers of every response, among them the content security policy. Static. Any thread. */
 const struct lws_protocol_vhost_options *http_headers(void);
 /* http.c: whether the request's Host is accepted, and its Origin, if any, is that Host: pages from elsewhere must not

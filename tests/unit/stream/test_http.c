@@ -1,6 +1,9 @@
 /* What the server answers to plain HTTP, and how it starts and ends. */
 #include "stream/client.h"
+#include "stream/internal.h"
 
+#include <arpa/inet.h>
+#include <netinet/in.h>
 #include <sys/stat.h>
 
 struct answer {
@@ -329,6 +332,37 @@ static void destroy_takes_nothing_and_what_was_never_used(void **state)
         server_destroy(server_start(NULL));
 }
 
+/* A dual-stack socket has IPv4 as ::ffff:192.0.2.7; a name is never an address. */
+static void a_number_is_the_sockets_own_or_none(void **state)
+{
+    static const struct {
+        int family;
+        const char *socket, *name;
+        bool same;
+    } cases[] = {
+        { AF_INET, "192.0.2.7", "192.0.2.7", true },
+        { AF_INET, "192.0.2.7", "192.0.2.8", false },
+        { AF_INET, "192.0.2.7", "relight.example", false },
+        { AF_INET, "192.0.2.7", "::ffff:192.0.2.7", false },
+        { AF_INET6, "::ffff:192.0.2.7", "192.0.2.7", true },
+        { AF_INET6, "::ffff:192.0.2.7", "192.0.2.8", false },
+        { AF_INET6, "2001:db8::7", "2001:db8::7", true },
+        { AF_INET6, "2001:db8::7", "2001:db8::8", false },
+        { AF_INET6, "2001:db8::c000:207", "192.0.2.7", false },
+        { AF_INET6, "::ffff:0.0.0.0", "0.0.0.0", true },
+    };
+    (void)state;
+
+    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
+        struct sockaddr_storage local = { .ss_family = (sa_family_t)cases[k].family };
+        void *at = cases[k].family == AF_INET ? (void *)&((struct sockaddr_in *)&local)->sin_addr
+                                              : (void *)&((struct sockaddr_in6 *)&local)->sin6_addr;
+        assert_int_equal(inet_pton(cases[k].family, cases[k].socket, at), 1);
+        if (http_is_address(&local, cases[k].name) != cases[k].same)
+            fail_msg("%s at %s", cases[k].name, cases[k].socket);
+    }
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(page_is_served_with_its_security_headers),
     cmocka_unit_test(every_answer_carries_the_security_headers),
@@ -344,5 +378,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(what_is_no_address_is_refused_by_name),
     cmocka_unit_test(a_folder_without_a_page_is_refused_by_name),
     cmocka_unit_test(destroy_takes_nothing_and_what_was_never_used),
+    cmocka_unit_test(a_number_is_the_sockets_own_or_none),
 };
 UNIT_MAIN(tests)

@@ -131,6 +131,8 @@ static void bad_requests_are_answered_in_a_line(void **state)
         assert_string_equal((char *)a.body,
                             "width must be an integer from 16 to 16384, as in /snapshot.png?width=640\n");
     }
+    server_set_figures(s, &(struct server_figures){ .source = SERVER_LIVE, .width = 640, .height = 360 });
+    assert_int_equal(status_of(s, "/snapshot.jpg?width=9000", NULL), 200); /* wider than it is: as it is */
     ask(s, "GET", "/snapshot.gif", NULL, &a);
     assert_int_equal(a.status, 404);
     assert_non_null(strstr((char *)a.body, "/snapshot.jpg"));
@@ -139,7 +141,27 @@ static void bad_requests_are_answered_in_a_line(void **state)
     assert_non_null(strstr((char *)a.body, "--embed-from"));
     assert_int_equal(status_of(s, "/snapshot.jpg", "Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: navigate\r\n"), 200);
     assert_int_equal(status_of(s, "/snapshot.jpg", "Sec-Fetch-Site: same-origin\r\nSec-Fetch-Mode: no-cors\r\n"), 200);
+    assert_int_equal(status_of(s, "/snapshot.jpg", "Sec-Fetch-Site: none\r\nSec-Fetch-Mode: no-cors\r\n"), 200);
     assert_int_equal(status_of(s, "/snapshot.jpg", "Origin: http://evil.example\r\n"), 403);
+    server_destroy(s);
+}
+
+/* Until the last viewer has gone, or is given up. */
+static void a_server_that_leaves_says_so(void **state)
+{
+    (void)state;
+    struct server *s = server_start(NULL);
+    struct client viewer;
+    struct answer a;
+
+    publish(s, 1, 500);
+    client_greet(&viewer, s);
+    assert_int_equal(status_of(s, "/snapshot.jpg", NULL), 200);
+    server_drain(s);
+    ask(s, "GET", "/snapshot.jpg", NULL, &a);
+    assert_int_equal(a.status, 503);
+    assert_string_equal((char *)a.body, "The server is going away.\n");
+    client_shut(&viewer);
     server_destroy(s);
 }
 
@@ -507,5 +529,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(widths_at_once_are_limited_and_come_free),
     cmocka_unit_test(only_named_origins_may_embed_and_only_embed),
     cmocka_unit_test(what_is_no_origin_is_refused),
+    cmocka_unit_test(a_server_that_leaves_says_so),
 };
 UNIT_MAIN(tests)
