@@ -5,7 +5,7 @@
  *     summary.json, index.html     the measures of all sensors; a page with everything
  *     year-*.png, sensors-*.png    heat maps over day and hour, and of the sensors in plan
  *     picture-MMDD-HHMM.*          chosen hours: .png as seen, .hdr, and -falsecolour.png
- * As a job, the ranks take hours from one counter, compute the cache together, and write the pictures of their hours;
+ * As a job, the ranks take hours from one counter, compute the cache together, and write the images of their hours;
  * rank 0 writes everything else, with the bits of one process. All need the same folder.
  * One thread of control; light runs on all OpenMP threads. */
 #ifndef ANNUAL_ANNUAL_H
@@ -31,7 +31,7 @@ struct annual_desc {
 };
 
 /* Errors are those of daylight_open, points_read, set_create, relighter_run and ledger_open. ERR_USAGE: the source is
- * no weather file, or a picture's hour is not among its lit hours. An error of one rank ends all (ranks_agree). */
+ * no weather file, or an image's hour is not among its lit hours. An error of one rank ends all (ranks_agree). */
 MUST_CHECK enum err annual_run(const struct annual_desc *desc, struct reason *why);
 
 #endif

@@ -13,7 +13,7 @@
 
 #define PICTURES_MAX 64
 
-struct annual_picture { /* that is asked for */
+struct annual_picture { /* one requested image */
     int month, day;
     double clock; /* hours */
     bool done;    /* written in this run */
@@ -61,8 +61,8 @@ void annual_order_finish(struct annual *a);
 /* report.c: all files but the tables. Errors of file_store and png_encode. */
 MUST_CHECK enum err annual_report(struct annual *a, struct reason *why);
 
-/* pictures.c. annual_pictures_read: desc.pictures; ERR_USAGE. annual_picture_of: the picture of a moment, NULL: none is
- * asked for. annual_picture_write: the files of a moment, from a->rgb. */
+/* pictures.c. annual_pictures_read: desc.pictures; ERR_USAGE. annual_picture_of: the image requested for a moment;
+ * NULL: none. annual_picture_write: the files of a moment, from a->rgb. */
 MUST_CHECK enum err annual_pictures_read(struct annual *a, struct reason *why);
 struct annual_picture *annual_picture_of(struct annual *a, const struct moment *m);
 MUST_CHECK enum err annual_picture_write(struct annual *a, const struct moment *m, struct reason *why);

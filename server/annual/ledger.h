@@ -26,7 +26,7 @@ enum ledger_column {
     LEDGER_MEAN_LUX,      /* of the sensors */
     LEDGER_LEAST_LUX,
     LEDGER_MOST_LUX,
-    LEDGER_MEAN_CDM2, /* luminance of the picture */
+    LEDGER_MEAN_CDM2, /* luminance of the image */
     LEDGER_DGP,       /* of a fisheye view; NAN: none */
     LEDGER_EYE_LUX,   /* vertical illuminance at its eye; NAN: none */
     LEDGER_COLUMNS

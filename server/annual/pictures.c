@@ -21,7 +21,7 @@ static enum err add(struct annual *a, int month, int day, double clock, struct r
     return ERR_OK;
 }
 
-/* The lit moment of a picture; NULL: there is none. */
+/* The lit moment of an image; NULL: there is none. */
 static const struct moment *moment_of(const struct annual *a, const struct annual_picture *p)
 {
     for (size_t i = 0; i < a->weather->count; i++) {

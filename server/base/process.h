@@ -16,8 +16,8 @@ struct process_usage {
 
 void process_usage(struct process_usage *out); /* reads the current values */
 
-/* How many of `wanted` descriptors the process may use for connections besides its other files. Logs a warning if that
- * is fewer. */
+/* The number of descriptors, at most `wanted`, that the process may use for connections besides its other files. Logs
+ * a warning if that is fewer. */
 uint32_t process_connections_allowed(uint32_t wanted);
 
 #endif

@@ -53,7 +53,7 @@ enum setting_needs {                        /* what a build may lack: bits */
 
 enum setting_reload {                  /* what changes when a configuration file is read again */
                       RELOAD_NEVER,    /* nothing until the next start */
-                      RELOAD_SETTINGS, /* as if a controller had asked for it */
+                      RELOAD_SETTINGS, /* as if a controller had set it */
                       RELOAD_QUALITY,
                       RELOAD_SERVER, /* tokens, hosts and limits */
 };
@@ -82,7 +82,7 @@ struct setting {
     unsigned use;       /* SETTING_* bits */
     bool has_null;      /* JSON null is a value, */
     double null;        /* stored as this; of a REAL with `off`, that is */
-    unsigned group;     /* of one group (not 0) the last one asked for counts, and a message may have one alone */
+    unsigned group;     /* of one group (not 0) the last one set counts, and a message may have only one */
 };
 
 /* Rows of one table with the struct that its offsets are of. A table ends with a row that has neither name nor key. */
@@ -118,8 +118,8 @@ MUST_CHECK enum err settings_from_json(const struct setting *rows, unsigned prog
 /* The fields of rows that have all bits of `use`, as a new JSON object; NULL when out of memory. */
 struct json_t *settings_to_json(const struct setting *rows, unsigned use, const void *values);
 
-/* What may be asked for, as a new JSON object: each row's range, or its choices with their meaning. NULL when out of
- * memory. */
+/* The values that controllers may set, as a new JSON object: each row's range, or its choices with their meaning.
+ * NULL when out of memory. */
 struct json_t *settings_ranges(const struct setting *rows, unsigned program);
 
 /* One more request of the same controller: as if the first had been obeyed before the second. */

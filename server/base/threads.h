@@ -13,8 +13,8 @@
  * and where sanitizers forbid that, in the call, which must be the first in main. */
 void threads_wait_passively(char **argv);
 
-/* Whether so many threads can run beside those that do, found by starting and ending them: OpenMP and TBB abort the
- * program where one cannot be started. *why says what is missing. Any thread. */
+/* Whether `count` more threads can run, which is tested by starting and ending them: OpenMP and TBB abort the program
+ * if a thread cannot be started. *why names the limit. Any thread. */
 MUST_CHECK bool threads_can_start(unsigned count, struct reason *why);
 
 #endif

@@ -15,7 +15,7 @@ static inline uint64_t cache_memory_limit(uint64_t max_bytes)
     return max_bytes ? max_bytes : CACHE_MEMORY_DEFAULT;
 }
 
-/* True where a cache of so many bytes stays within the limit. */
+/* True if a cache of `bytes` stays within the limit. */
 static inline bool cache_memory_suffices(uint64_t max_bytes, uint64_t bytes)
 {
     return bytes <= cache_memory_limit(max_bytes);

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Radiance images [Ward 1991; Radiance's colour and picture file formats]: header lines up to an empty one, a line with
+/* Radiance images [Ward 1991; Radiance's colour and image file formats]: header lines up to an empty one, a line with
  * size and orientation, then scan lines of four bytes per texel, three mantissas and a shared exponent. */
 
 #define LINE_ROOM 512 /* longest header line that is parsed */

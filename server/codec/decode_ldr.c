@@ -42,7 +42,7 @@ static enum err begin(struct image *im, uint64_t width, uint64_t height, const c
 
 enum err decode_jpeg(const uint8_t *bytes, size_t size, const char *name, struct image *im, struct reason *why)
 {
-    int width = 0, height, subsampling, colours; /* all unset where a file ends before its picture */
+    int width = 0, height, subsampling, colours; /* all unset where a file ends before its image */
     uint8_t *codes = NULL;
     enum err e;
 

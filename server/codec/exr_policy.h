@@ -31,7 +31,7 @@ struct exr_entry {
     size_t size;
 };
 
-/* Reads the next attribute; the caller tells where the list ends. ERR_FORMAT: damaged or truncated. */
+/* Reads the next attribute; the caller checks for the end of the list. ERR_FORMAT: damaged or truncated. */
 MUST_CHECK enum err exr_header_next(struct exr_header *h, struct exr_entry *a);
 
 /* ERR_OK: a single-part scan-line file with no, RLE, ZIPS or ZIP compression. ERR_UNSUPPORTED: another kind of EXR

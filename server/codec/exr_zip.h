@@ -33,7 +33,7 @@ extern const char exr_zip_no_memory[];
 
 struct exr_deflater {
     uint8_t *plain;  /* the caller writes a chunk's values here */
-    uint8_t *halves; /* the same, taken apart */
+    uint8_t *halves; /* the same, low and high bytes separated */
     struct libdeflate_compressor *deflate;
 };
 

@@ -48,7 +48,7 @@ struct image {
     size_t capacity;    /* floats allocated for rgb */
     enum layout layout; /* the file's own layout; LAYOUT_AUTO if it has none */
     struct image_faults faults;
-    bool low_range;                           /* of a picture that ends at white, such as a JPEG */
+    bool low_range;                           /* of an image that ends at white, such as a JPEG */
     struct scratch *scratch;                  /* memory that decoders reuse (base/scratch.h); NULL until used */
     struct libdeflate_decompressor *inflater; /* likewise (exr_zip.h) */
     struct recent recent;                     /* recent sizes in bytes, updated by image_trim */

@@ -51,7 +51,7 @@ static void flush(png_structp png)
     (void)png;
 }
 
-/* False: s->no_memory, or the library refused the picture. No local changes between setjmp and longjmp. */
+/* False: s->no_memory, or the library refused the image. No local changes between setjmp and longjmp. */
 static bool write_all(const struct png_desc *d, struct sink *s, png_structp png, png_infop info)
 {
     const size_t row = (size_t)d->width * (d->alpha ? 4 : 3) * (d->deep ? 2 : 1);

@@ -14,7 +14,7 @@
 
 /* How code values become light. */
 enum signal_transfer {
-    SIGNAL_AUTO,   /* as the stream says */
+    SIGNAL_AUTO,   /* as declared by the stream */
     SIGNAL_SRGB,   /* IEC 61966-2-1 */
     SIGNAL_BT1886, /* a display's power of 2.4 [ITU-R BT.1886], also for BT.709, BT.601 and BT.2020 without HDR */
     SIGNAL_GAMMA22,
@@ -32,9 +32,9 @@ const char *signal_transfer_name(enum signal_transfer transfer); /* static */
 struct signal_desc {
     uint8_t primaries, transfer, matrix; /* H.273; 2: not stated */
     bool full_range;                     /* else code values of black and white are those of BT.709 or BT.2100 */
-    bool rgb;                            /* the components are R', G' and B', whatever the matrix */
+    bool rgb;                            /* the components are R', G' and B'; the matrix is ignored */
     uint32_t depth;                      /* bits of a component, 8 to 16 */
-    enum signal_transfer override;       /* AUTO: as `transfer` says */
+    enum signal_transfer override;       /* AUTO: use `transfer` */
     double peak_cdm2;                    /* luminance of white, or of HLG's peak; of PQ: where it clips; 0: default */
 };
 

@@ -1,6 +1,6 @@
 /* server/codec/stream_format.h */
-/* What a container or a network protocol says about its video, handed from the process that takes the stream apart
- * (demux) to the one that decodes it (decoder). Untrusted. Any thread. */
+/* The video format that a container or network protocol declares, passed from the process that demultiplexes (demux)
+ * to the one that decodes (decoder). Untrusted. Any thread. */
 #ifndef CODEC_STREAM_FORMAT_H
 #define CODEC_STREAM_FORMAT_H
 

@@ -13,7 +13,7 @@
 #define MOST_LOG10 0.0     /* of the palest: 100 % */
 #define MASKED_GREY 96
 
-/* The scale below the picture, in pixels; pictures too narrow for its labels go without. */
+/* The scale below the image, in pixels; images too narrow for its labels go without. */
 #define SCALE_HEIGHT 34
 #define SCALE_LEAST_WIDTH 160
 #define MARGIN 20

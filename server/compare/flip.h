@@ -1,5 +1,5 @@
 /* server/compare/flip.h */
-/* FLIP: the difference that a person perceives between two pictures that alternate on one display [Andersson et al.
+/* FLIP: the difference that a person perceives between two images that alternate on one display [Andersson et al.
  * 2020], written from the paper. Each pixel's difference is in 0..1: 0 where none is visible, 1 for the largest
  * difference of colours or a lone pixel that appears. Noise that the eye averages away at the viewing distance counts
  * little, edges and dots count more. It is symmetric. Sums have a fixed order: the same bits at any number of threads.
@@ -20,12 +20,12 @@ enum flip_plane {
     FLIP_L, /* L*a*b* after the eye's own blur, a* and b* less where it is dark */
     FLIP_A,
     FLIP_B,
-    FLIP_EDGE,  /* strength of edges in the picture as it is, 0..1 */
+    FLIP_EDGE,  /* strength of edges in the image as it is, 0..1 */
     FLIP_POINT, /* and of dots and thin lines */
     FLIP_PLANES,
 };
 
-/* A picture as the eye sees it, to be compared with any number of others. Never changes after flip_view_init. */
+/* An image as the eye sees it, to be compared with any number of others. Never changes after flip_view_init. */
 struct flip_view {
     double *plane[FLIP_PLANES]; /* [height][width] */
     uint32_t width, height;
@@ -45,7 +45,7 @@ double flip_mean(const struct flip_view *a, const struct flip_view *b, const uin
 /* Of scene light: the filmic curve over gain * rgb, without quantization; count values. */
 void flip_tone(const float *rgb, size_t count, double gain, float *display);
 
-/* The same from two linear pictures, both under the exposure of r, like delta E in metrics.h. False when out of memory
+/* The same from two linear images, both under the exposure of r, like delta E in metrics.h. False when out of memory
  * or if no pixel is counted. */
 bool flip_compare(const float *x, const float *r, const uint8_t *mask, uint32_t width, uint32_t height,
                   double pixels_per_degree, float *map, double *mean);

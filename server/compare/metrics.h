@@ -1,5 +1,5 @@
 /* server/compare/metrics.h */
-/* The error of a picture against a reference (docs/internals/how-it-works.md, Conventions). Both are linear,
+/* The error of an image against a reference (docs/internals/how-it-works.md, Conventions). Both are linear,
  * float[height][width][3]. Any thread. */
 #ifndef COMPARE_METRICS_H
 #define COMPARE_METRICS_H
@@ -9,7 +9,7 @@
 #include <stdint.h>
 
 struct metrics {
-    double mean_ratio;      /* mean luminance of the picture over that of the reference */
+    double mean_ratio;      /* mean luminance of the image over that of the reference */
     double rel_mse;         /* mean((x - r)^2 / (r^2 + 1e-2 mean(r)^2)), over channels and the pixels counted */
     double rel_mse_trimmed; /* the same without the worst `trim` share of pixels */
     double delta_e;         /* mean CIE76 delta E*ab after one fixed tone map on both (gain from the reference) */

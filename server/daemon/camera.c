@@ -1,4 +1,4 @@
-/* Changes to another camera of the scene. A separate thread computes the new view (its G-buffer) while pictures of the
+/* Changes to another camera of the scene. A separate thread computes the new view (its G-buffer) while images of the
  * old one continue; then the shade thread switches. Free views, which users drag, are coarse at first. The command
  * line's view is kept: it owns scene and rays, lockstep sequences use it, and returning to it is free. */
 #include "daemon/shade_parts.h"
@@ -63,7 +63,7 @@ static void start_build(struct shade_thread *t, const char *name, bool coarse)
 }
 
 /* Frees what only the old view needed. The first view keeps its G-buffer, and also its relighter if a lockstep sequence
- * may come or other ranks light its pictures. */
+ * may come or other ranks light its images. */
 static void leave_view(struct shade_thread *t)
 {
     refine_forget(t);
@@ -82,7 +82,7 @@ static void leave_view(struct shade_thread *t)
     }
 }
 
-/* Whether the view's pictures would exceed the limit and take longer than the current ones. The view is then
+/* Whether the view's images would exceed the limit and take longer than the current ones. The view is then
  * discarded. */
 static bool is_too_costly(struct shade_thread *t, struct set *set, const struct settings *now)
 {

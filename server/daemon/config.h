@@ -27,7 +27,7 @@ struct daemon_config {
                            samples, classes, rotation and scale come from the current settings instead */
     int part_floats;    /* enum part_floats */
     struct still_wish converge; /* error 0: still images are not refined */
-    double picture_s;           /* limit on the time per picture for controllers' settings */
+    double picture_s;           /* limit on the time per image for controllers' settings */
     double rate;                /* frames per second from the source; 0: as fast as they are rendered */
     double h264_bits;           /* maximum bits per second of the full-size track; 0: by size and rate */
     struct setting_texts publish_urls;

@@ -63,7 +63,7 @@ static double estimate(const struct cost *c, const struct plan_facts *facts, con
                                    .stored = light->direct.method == METHOD_CACHED },
               &plan);
     double particles = (double)plan.particles;
-    if (plan.caustics == PLAN_STORED) /* traced once, before the first picture */
+    if (plan.caustics == PLAN_STORED) /* traced once, before the first image */
         particles += light->stored_paths ? (double)light->stored_paths : STORED_A_PIXEL * (double)f.pixels;
     const double samples = has_direct(light) ? light->direct.samples * weight(light->direct.method) : 0.0;
     return c->fixed_s + (double)f.points * (samples * c->sample_s + plan.eye_paths * path_s) + particles * particle_s;

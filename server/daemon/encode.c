@@ -10,7 +10,7 @@
 #include <omp.h>
 #include <string.h>
 
-#define POLL_MS 50 /* how soon a new viewer is noticed while no picture comes */
+#define POLL_MS 50 /* how soon a new viewer is noticed while no image comes */
 
 void encode_publish(struct encode_thread *t, struct shaded *in, unsigned track, const uint8_t *bytes, size_t size)
 {
@@ -26,13 +26,13 @@ void encode_publish(struct encode_thread *t, struct shaded *in, unsigned track, 
     server_publish_for(t->shared->server, p, &in->ticket);
 }
 
-/* The producer must not wait for a picture that failed to encode. Does nothing after server_publish_for. */
+/* The producer must not wait for an image that failed to encode. Does nothing after server_publish_for. */
 static void close_ticket(struct encode_thread *t, const struct shaded *in)
 {
     server_frame_fate(t->shared->server, &in->ticket, SERVER_REFUSED, "its image could not be encoded");
 }
 
-/* Exposure and tone curve for the picture; lockstep pictures use the initial settings. */
+/* Exposure and tone curve for the image; lockstep images use the initial settings. */
 static struct settings display_settings(struct encode_thread *t, const struct shaded *in)
 {
     return in->ticket.lockstep ? t->shared->config.setup.initial : settings_now(&t->shared->settings);
@@ -82,7 +82,7 @@ static double make_small_display(struct encode_thread *t, const struct shaded *i
     return 1e3 * (clock_seconds() - start);
 }
 
-/* The header of the same picture at another size. */
+/* The header of the same image at another size. */
 static struct shaded scaled(const struct shaded *in, unsigned scale)
 {
     static const uint8_t flags[SERVER_SCALES] = { 0, PROTOCOL_PICTURE_HALF, PROTOCOL_PICTURE_QUARTER };
@@ -99,7 +99,7 @@ static bool wants_small_jpeg(const struct server_demand *demand, unsigned scale)
     return scale == 1 ? demand->halves : demand->quarters;
 }
 
-/* Encodes the picture at half or a quarter of its size for those who watch it so. */
+/* Encodes the image at half or a quarter of its size for those who watch it so. */
 static void encode_small(struct encode_thread *t, const struct shaded *in, unsigned scale,
                          const struct server_demand *demand, int quality)
 {
@@ -166,7 +166,7 @@ static void encode_changes(struct encode_thread *t, const struct shaded *in)
     mem_free(bytes);
 }
 
-/* Makes t->display[0], which is kept for viewers that connect before the next picture. Returns the milliseconds
+/* Makes t->display[0], which is kept for viewers that connect before the next image. Returns the milliseconds
  * spent. */
 static double make_display(struct encode_thread *t, const struct shaded *in)
 {
@@ -184,8 +184,8 @@ static double make_display(struct encode_thread *t, const struct shaded *in)
     return 1e3 * (clock_seconds() - start);
 }
 
-/* Sets the picture's gain. Automatic exposure keeps adapting while a fixed gain is in force. EXPOSURE_AUTO measures the
- * first picture of a camera and the one it is turned on with, and keeps that value. */
+/* Sets the image's gain. Automatic exposure keeps adapting while a fixed gain is in force. EXPOSURE_AUTO measures the
+ * first image of a camera and the one it is turned on with, and keeps that value. */
 static void expose(struct encode_thread *t, struct shaded *in)
 {
     const uint64_t frame = in->header.frame, passed = frame > t->exposed ? frame - t->exposed : 1;
@@ -243,8 +243,8 @@ void encode_picture(struct encode_thread *t, struct shaded *in)
     renditions_encode(t, in, &demand, quality);
 }
 
-/* While no picture arrives: encodes the current one again for viewers that connected since, or had reached their rate.
- * Requests renditions of the linear picture, which is gone, from the shade thread. */
+/* While no image arrives: encodes the current one again for viewers that connected since, or had reached their rate.
+ * Requests renditions of the linear image, which is gone, from the shade thread. */
 static void encode_current_again(struct encode_thread *t)
 {
     const struct shaded in = { .header = t->current };

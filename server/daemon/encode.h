@@ -1,4 +1,4 @@
-/* The encode thread: applies exposure and tone curve, then encodes each picture in every format that has viewers: JPEG,
+/* The encode thread: applies exposure and tone curve, then encodes each image in every format that has viewers: JPEG,
  * H.264, EXR. */
 #ifndef DAEMON_ENCODE_H
 #define DAEMON_ENCODE_H
@@ -12,13 +12,13 @@ struct shared;
 /* shared must outlive the thread. ERR_NOMEM: *out is NULL. Main thread. */
 MUST_CHECK enum err encode_thread_create(struct shared *shared, struct encode_thread **out, struct reason *why);
 
-/* Starts to encode pictures from shared->pictures. ERR_NOMEM: no thread. Main thread. */
+/* Starts to encode images from shared->pictures. ERR_NOMEM: no thread. Main thread. */
 MUST_CHECK enum err encode_thread_start(struct encode_thread *t, struct reason *why);
 
-/* Encodes and publishes one picture and completes its header. Thread: encode; tests may call it instead. */
+/* Encodes and publishes one image and completes its header. Thread: encode; tests may call it instead. */
 void encode_picture(struct encode_thread *t, struct shaded *in);
 
-/* Waits for the thread, which ends when the pictures' handoff is closed. Main thread. NULL is allowed. */
+/* Waits for the thread, which ends when the images' handoff is closed. Main thread. NULL is allowed. */
 void encode_thread_destroy(struct encode_thread *t);
 
 #endif

@@ -16,9 +16,9 @@
 struct video_track {
     struct h264_encoder *encoder; /* NULL: no viewers */
     double key_s;                 /* time of the last keyframe (clock_seconds) */
-    double due_s;                 /* no picture before this time */
-    double coded_s;               /* time of the last picture */
-    bool behind;                  /* the current picture was skipped */
+    double due_s;                 /* no image before this time */
+    double coded_s;               /* time of the last image */
+    bool behind;                  /* the current image was skipped */
 };
 
 struct encode_thread {
@@ -26,22 +26,22 @@ struct encode_thread {
     struct jpeg_encoder *jpeg;
     struct exposure exposure;
     uint64_t exposed; /* number of the last frame that updated the exposure */
-    bool held;        /* the last picture used EXPOSURE_AUTO */
+    bool held;        /* the last image used EXPOSURE_AUTO */
     float gain;       /* automatic exposure without the bias */
     struct video_track video[SERVER_TRACKS];
     bool h264_failed; /* H.264 failed, and that was logged */
 
-    /* The current picture, uint8_t[height][width][3] sRGB, at full, half and quarter size. */
+    /* The current image, uint8_t[height][width][3] sRGB, at full, half and quarter size. */
     uint8_t *display[SERVER_SCALES];
     unsigned display_valid;          /* bits 1 << scale */
-    struct protocol_picture current; /* header of the full size; format 0: no picture yet */
+    struct protocol_picture current; /* header of the full size; format 0: no image yet */
     unsigned sent_jpeg;              /* bits 1 << scale: published as JPEG */
     unsigned sent_exr;               /* bits 1 << enum protocol_format: published as EXR */
     float *small;                    /* scratch, float[height / 2][width / 2][3] */
 
     struct scaler *scaler;
-    uint64_t rendered[SERVER_RENDITIONS]; /* serials of the current picture's published renditions */
-    double still_due_s;                   /* no single pictures before this time (clock_seconds) */
+    uint64_t rendered[SERVER_RENDITIONS]; /* serials of the current image's published renditions */
+    double still_due_s;                   /* no single images before this time (clock_seconds) */
 
     pthread_t thread;
     bool running;
@@ -49,13 +49,13 @@ struct encode_thread {
 
 /* Encode thread, all of what follows. */
 
-/* Publishes an encoded picture that in->header describes. track: of H.264, else 0. bytes are copied. Thread: encode, as
+/* Publishes an encoded image that in->header describes. track: of H.264, else 0. bytes are copied. Thread: encode, as
  * for all functions below. */
 void encode_publish(struct encode_thread *t, struct shaded *in, unsigned track, const uint8_t *bytes, size_t size);
 
 /* ---- encode_rendition.c ---- */
 
-/* Publishes the missing renditions of the current picture that are in demand. in->rgb NULL: the linear picture is gone.
+/* Publishes the missing renditions of the current image that are in demand. in->rgb NULL: the linear image is gone.
  * Returns false if a rendition needs it. */
 bool renditions_encode(struct encode_thread *t, const struct shaded *in, const struct server_demand *demand,
                        int quality);
@@ -64,14 +64,14 @@ bool renditions_encode(struct encode_thread *t, const struct shaded *in, const s
 
 /* Destroys the encoders of tracks without viewers. A new viewer needs a keyframe, with which a new encoder begins. */
 void video_drop_unwatched(struct encode_thread *t, const struct server_demand *demand);
-/* Encodes the new picture in t->display[scale] for each track of that scale with viewers. tone_ms: time spent on the
+/* Encodes the new image in t->display[scale] for each track of that scale with viewers. tone_ms: time spent on the
  * tone curve. Returns the milliseconds spent. */
 double video_encode(struct encode_thread *t, const struct shaded *in, unsigned scale, double tone_ms,
                     const struct server_demand *demand);
-/* While no newer picture arrives: encodes the current one for tracks that skipped it or need a keyframe. */
+/* While no newer image arrives: encodes the current one for tracks that skipped it or need a keyframe. */
 void video_encode_again(struct encode_thread *t, const struct shaded *in, unsigned scale,
                         const struct server_demand *demand);
-/* Milliseconds until a track that skipped the current picture may encode it; at most most_ms, at least 1. */
+/* Milliseconds until a track that skipped the current image may encode it; at most most_ms, at least 1. */
 int video_wait_ms(struct encode_thread *t, int most_ms);
 void video_finish(struct encode_thread *t);
 

@@ -8,7 +8,7 @@
 
 #define STILL_SHARE 0.25 /* of this thread's time, at most, for single pictures: viewers need the rest */
 
-/* The picture at the rendition's size; rgb or srgb is set. */
+/* The image at the rendition's size; rgb or srgb is set. */
 struct sized {
     uint32_t width, height;
     const float *rgb;

@@ -1,6 +1,6 @@
-/* H.264: one encoder for each track with viewers (stream/server.h). Each picture of a chain needs the previous one, so
- * none can be dropped after encoding. A track that has reached its rate therefore skips the next picture before
- * encoding. The last picture before a pause reaches every track as soon as its rate allows. */
+/* H.264: one encoder for each track with viewers (stream/server.h). Each image of a chain needs the previous one, so
+ * none can be dropped after encoding. A track that has reached its rate therefore skips the next image before
+ * encoding. The last image before a pause reaches every track as soon as its rate allows. */
 #include "daemon/encode_parts.h"
 
 #include "base/clock.h"
@@ -8,9 +8,9 @@
 
 #include <math.h>
 
-#define KEY_LEAST_S 0.25 /* between two key pictures */
+#define KEY_LEAST_S 0.25 /* between two keyframes */
 
-/* For publishing: players start and files are cut at keyframes, and players expect a steady stream, so a still picture
+/* For publishing: players start and files are cut at keyframes, and players expect a steady stream, so a still image
  * is repeated, which costs a few bytes. */
 #define PUBLISH_KEY_S 2.0
 #define PUBLISH_REPEAT_S 0.1
@@ -22,7 +22,7 @@ static bool is_published(struct encode_thread *t, unsigned track)
     return track == SHARED_PUBLISH_TRACK && publisher_wants(t->shared->publisher, &key);
 }
 
-/* A keyframe is some ten times as large as another picture and goes to all viewers of the track, so keyframes are
+/* A keyframe is some ten times as large as another image and goes to all viewers of the track, so keyframes are
  * limited. */
 static bool key_is_due(struct encode_thread *t, unsigned track, const struct server_demand *demand)
 {
@@ -32,7 +32,7 @@ static bool key_is_due(struct encode_thread *t, unsigned track, const struct ser
            (is_published(t, track) && passed_s >= PUBLISH_KEY_S);
 }
 
-/* Maximum pictures per second of the track. */
+/* Maximum images per second of the track. */
 static double track_rate(struct encode_thread *t, unsigned track)
 {
     const double all = settings_now(&t->shared->settings).fps, rate = server_track_rate(track);
@@ -61,7 +61,7 @@ static void log_failure(struct encode_thread *t, const struct shaded *in, enum e
     t->h264_failed = true;
 }
 
-/* Refined pictures of a still image get full quality. */
+/* Refined images of a still image get full quality. */
 static double encode(struct encode_thread *t, const struct shaded *in, unsigned track, double tone_ms,
                      const struct server_demand *demand, bool key)
 {
@@ -90,7 +90,7 @@ static double encode(struct encode_thread *t, const struct shaded *in, unsigned 
         v->encoder ? h264_encode(v->encoder, t->display[server_track_scale(track)], &desc, &out) : ERR_NOMEM;
     if (e) {
         log_failure(t, in, e);
-        v->key_s = clock_seconds(); /* try again, but not with every picture */
+        v->key_s = clock_seconds(); /* try again, but not with every image */
         return 0.0;
     }
     const double now = clock_seconds(), ms = 1e3 * (now - start);

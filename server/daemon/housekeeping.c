@@ -10,12 +10,12 @@
 #include <time.h>
 #include <unistd.h>
 
-#define PERIOD_MS 50       /* between two looks at the picture that is being made, */
+#define PERIOD_MS 50       /* between two looks at the image that is being made, */
 #define ALL_EVERY 5        /* of which every so many is one at all else */
 #define PROGRESS_MS 10000  /* between lines of the log about a cache that is computed, without a terminal */
-#define CANCEL_LEAST_MS 50 /* a new setting cancels no picture that is made within this time */
+#define CANCEL_LEAST_MS 50 /* a new setting cancels no image that is made within this time */
 
-/* Cancels the picture if a new setting waits for its end, and reports one that exceeds the limit. */
+/* Cancels the image if a new setting waits for its end, and reports one that exceeds the limit. */
 static void watch_picture(struct housekeeping_thread *t)
 {
     struct picture_watch *w = &t->shared->watch;

@@ -1,4 +1,4 @@
-/* The housekeeping thread. It watches the time of the current picture, prints the status line on a terminal or else
+/* The housekeeping thread. It watches the time of the current image, prints the status line on a terminal or else
  * logs a cache's progress, logs held-back lines, and saves the settings file. */
 #ifndef DAEMON_HOUSEKEEPING_H
 #define DAEMON_HOUSEKEEPING_H
@@ -19,7 +19,7 @@ struct housekeeping_thread {
     pthread_t thread;
     bool running;
     unsigned turns;              /* iterations of its loop */
-    int64_t late_ms;             /* begun_ms of the picture that was reported as late; 0: none */
+    int64_t late_ms;             /* begun_ms of the image that was reported as late; 0: none */
     bool terminal;               /* standard error is a terminal */
     int64_t begun_ms, logged_ms; /* when a cache's computation was first seen, and last logged; 0: none is running */
     double begun_share;          /* its share at that time */

@@ -1,4 +1,4 @@
-/* Adds the light of the scene's own lamps (light/relight_lamps.h) to relightd's pictures. The sky's part of a picture
+/* Adds the light of the scene's own lamps (light/relight_lamps.h) to relightd's images. The sky's part of an image
  * is kept, so that another factor, or more samples of the lamps' part, need no relighting. Each view has its own lamps'
  * part, refined on a separate thread; that of the command line's view is kept when the camera changes. */
 #include "daemon/shade_parts.h"
@@ -10,9 +10,9 @@
 #include <string.h>
 #include <time.h>
 
-#define PUBLISH_S 0.4       /* at least, between pictures that only the lamps have changed; */
+#define PUBLISH_S 0.4       /* at least, between images that only the lamps have changed; */
 #define PUBLISH_GROWTH 1.25 /* each has this many times the samples of the one before */
-#define WAIT_MS 20          /* how often a lockstep picture looks whether the part is complete */
+#define WAIT_MS 20          /* how often a lockstep image looks whether the part is complete */
 
 static size_t picture_bytes(const struct shade_thread *t)
 {

@@ -1,5 +1,5 @@
-/* The limit on the time per picture (--max-picture-seconds): estimates the cost of settings, and reports the start and
- * end of each picture to the housekeeping thread, which enforces the limit. */
+/* The limit on the time per image (--max-picture-seconds): estimates the cost of settings, and reports the start and
+ * end of each image to the housekeeping thread, which enforces the limit. */
 #include "daemon/shade_parts.h"
 
 #include "base/clock.h"
@@ -8,8 +8,8 @@
 
 #include <math.h>
 
-#define MEASURE_SAMPLES 4 /* of the picture that is made to know what pictures cost */
-#define CUTS_MOST 2       /* pictures in a row that new settings may cancel: however many come, some are finished */
+#define MEASURE_SAMPLES 4 /* of the image that is made to know what images cost */
+#define CUTS_MOST 2       /* images in a row that new settings may cancel: however many come, some are finished */
 
 /* No cost is known before the first picture: renders one under a grey sky, twice, because the first one also pays for
  * page faults. On failure the cost stays unknown, and nothing is refused. */
@@ -80,6 +80,6 @@ bool picture_end(struct shade_thread *t)
     t->cut_s = cut ? clock_seconds() : 0.0;
     atomic_store(&w->cancel, false);
     if (cut)
-        refine_forget(t); /* the unfinished picture may have the memory of the one on display */
+        refine_forget(t); /* the unfinished image may have the memory of the one on display */
     return cut;
 }

@@ -1,5 +1,5 @@
 /* Answers queries about a pixel: where its light comes from (PROTOCOL.md 4.15). The shade thread answers between two
- * pictures, because it holds the frame; so queries cannot change a picture. An answer takes about a tenth of a
+ * images, because it holds the frame; so queries cannot change an image. An answer takes about a tenth of a
  * second, and the server passes on only a few queries per second. */
 #include "daemon/shade_parts.h"
 
@@ -7,7 +7,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 
-#define SKY_LEAST_S 1.0 /* between two pictures of the sky alone */
+#define SKY_LEAST_S 1.0 /* between two images of the sky alone */
 
 void probe_report_picture(struct shade_thread *t, const struct shaded *picture)
 {
@@ -37,7 +37,7 @@ static struct prober *get_prober(struct shade_thread *t)
     return t->prober;
 }
 
-/* About the last picture, whose frame the shade thread holds. */
+/* About the last image, whose frame the shade thread holds. */
 static enum err report(struct shade_thread *t, const struct server_probe *asked, char **text)
 {
     const struct shown_picture *shown = &t->refine.shown;
@@ -83,7 +83,7 @@ void probe_result(struct shade_thread *t)
     struct server_probe asked;
     char *text = NULL;
 
-    if (!t->last && t->cut_s > 0.0) /* a cancelled picture is made again, as the viewer still sees the one before */
+    if (!t->last && t->cut_s > 0.0) /* a cancelled image is made again, as the viewer still sees the one before */
         return;
     do {
         if (!server_take_probe(server, &asked))
@@ -91,7 +91,7 @@ void probe_result(struct shade_thread *t)
         if (asked.sky_alone && t->last)
             server_answer_probe(server, &asked, answer_sky(t), "out of memory");
     } while (asked.sky_alone && t->last);
-    const bool other_view = t->set != t->first_set && !t->refine.known; /* a lockstep picture, by the first camera */
+    const bool other_view = t->set != t->first_set && !t->refine.known; /* a lockstep image, by the first camera */
     if (!t->last || other_view || asked.x >= t->last->header.width || asked.y >= t->last->header.height) {
         server_answer_probe(server, &asked, NULL, "there is no image with such a pixel");
         return;

@@ -1,4 +1,4 @@
-/* While no frame arrives, the shade thread refines the last picture (light/still.h). Refinement does not affect live
+/* While no frame arrives, the shade thread refines the last image (light/still.h). Refinement does not affect live
  * streams: passes start only after an idle time, and any new work ends the current pass. */
 #include "daemon/shade_parts.h"
 
@@ -9,9 +9,9 @@
 #include <math.h>
 #include <string.h>
 
-#define QUIET_LEAST_S 0.25  /* from a picture to the first pass: twice the time between pictures, */
+#define QUIET_LEAST_S 0.25  /* from an image to the first pass: twice the time between images, */
 #define QUIET_MOST_S 1.0    /* within these limits */
-#define PUBLISH_S 0.4       /* at least, between refined pictures; */
+#define PUBLISH_S 0.4       /* at least, between refined images; */
 #define PUBLISH_GROWTH 1.25 /* each has this many times the passes of the one before, */
 #define FIRST_PASSES 4      /* and the first this many */
 #define LOG_S 600.0         /* between lines about converged images */
@@ -70,7 +70,7 @@ static bool begin(struct shade_thread *t)
     return true;
 }
 
-/* Publishes the picture of the passes, or, without passes, the last published one again. */
+/* Publishes the image of the passes, or, without passes, the last published one again. */
 static void publish_picture(struct shade_thread *t, uint64_t passes)
 {
     struct refinement *r = &t->refine;

@@ -1,6 +1,6 @@
-/* The server's main program: a sky comes in, pictures go out. Three threads form a pipeline:
+/* The server's main program: a sky comes in, images go out. Three threads form a pipeline:
  *     ingest   source or producer -> decode -> cube map and sampling tables       ingest.h
- *     shade    (main) light at the shade points -> linear picture; refines it     shade.h
+ *     shade    (main) light at the shade points -> linear image; refines it     shade.h
  *     encode   exposure -> tone curve -> JPEG, H.264 or EXR                       encode.h
  * A handoff of three slots connects two threads (slots.h): the newest wins, and no thread waits for a copy. The network
  * thread belongs to stream/server.h; housekeeping.h and service_manager.h monitor the process. */

@@ -37,7 +37,7 @@ struct settings_store {
     const struct daemon_config *config;
     struct server *server;
     const struct scene *scene;                                /* whose cameras controllers may choose */
-    double (*estimate)(void *user, const struct settings *s); /* seconds of a picture, 0: unknown; NULL: no limit */
+    double (*estimate)(void *user, const struct settings *s); /* seconds of an image, 0: unknown; NULL: no limit */
     void *estimate_user;
 
     atomic_int source_kind;              /* enum source_kind, */
@@ -50,7 +50,7 @@ struct settings_store {
     unsigned view_count;                  /* {lock} */
     atomic_bool views_changed;            /* since the last settings_take_views */
     atomic_bool request_waiting;
-    atomic_uint_least64_t proven; /* the latest light_version with a finished picture */
+    atomic_uint_least64_t proven; /* the latest light_version with a finished image */
     atomic_int jpeg_quality;      /* 1..100, for viewers that do not choose one */
 };
 
@@ -81,11 +81,11 @@ MUST_CHECK enum err settings_forget_view(struct settings_store *store, const cha
 unsigned settings_views(struct settings_store *store, struct saved_view *out);
 bool settings_take_views(struct settings_store *store); /* whether they have changed since the last call */
 
-/* Whether a picture with `s` would exceed the limit (--max-picture-seconds) and take longer than with the current
+/* Whether an image with `s` would exceed the limit (--max-picture-seconds) and take longer than with the current
  * settings; *why then explains it. Thread: that of the estimate. */
 bool settings_cost_too_much(struct settings_store *store, const struct settings *s, struct reason *why);
 
-/* Reports that a picture with settings of that light_version was finished. Settings without a finished picture are not
+/* Reports that an image with settings of that light_version was finished. Settings without a finished image are not
  * saved for the next start. */
 void settings_set_proven(struct settings_store *store, uint64_t light_version);
 bool settings_are_proven(struct settings_store *store);

@@ -11,9 +11,9 @@
 
 #include <stdatomic.h>
 
-/* The current picture. The shade thread sets all but cancel, which the housekeeping thread sets. */
+/* The current image. The shade thread sets all but cancel, which the housekeeping thread sets. */
 struct picture_watch {
-    atomic_int_least64_t begun_ms; /* clock_ms; 0: no picture in progress */
+    atomic_int_least64_t begun_ms; /* clock_ms; 0: no image in progress */
     atomic_bool may_cancel;        /* a new setting may cancel it */
     atomic_bool cancel;
 };
@@ -35,7 +35,7 @@ struct shared {
     atomic_bool *new_work;        /* any thread sets it to end the current refinement pass */
     atomic_bool *reload;          /* a signal sets it: the shade thread reloads the configuration */
     atomic_bool reading;          /* ingest thread: a frame is being decoded */
-    atomic_bool repeat_requested; /* encode thread: a viewer needs the current picture's numbers again */
+    atomic_bool repeat_requested; /* encode thread: a viewer needs the current image's numbers again */
     struct config_readings readings;
 };
 
@@ -45,7 +45,7 @@ MUST_CHECK enum err shared_init(struct shared *s, struct reason *why);
 /* Call it after all threads have ended. The caller owns the server. */
 void shared_finish(struct shared *s);
 
-/* Wakes every thread that waits for a frame or a picture, and makes shared_is_stopping true. Thread: any. */
+/* Wakes every thread that waits for a frame or an image, and makes shared_is_stopping true. Thread: any. */
 void shared_close(struct shared *s);
 bool shared_is_stopping(struct shared *s);
 

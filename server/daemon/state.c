@@ -178,7 +178,7 @@ void state_open(struct state_file *f, const struct daemon_config *config, struct
         log_info("%s: the command line has changed since; starting with its settings", f->path);
     else if (f->text)
         log_info("%s: the previous settings are restored", f->path);
-    if (!e && !stale && f->text) /* a picture was finished by it, else it would not be in the file */
+    if (!e && !stale && f->text) /* an image was finished by it, else it would not be in the file */
         settings_set_proven(settings, settings_now(settings).light_version);
     if (!f->text)
         f->text = text_of(f); /* nothing to keep until something changes */

@@ -21,7 +21,7 @@ MUST_CHECK enum err state_check(const char *folder, struct reason *why);
  * f. */
 void state_open(struct state_file *f, const struct daemon_config *config, struct settings_store *settings,
                 const char *default_camera);
-/* Writes the file if the settings have changed and a picture with them was finished. */
+/* Writes the file if the settings have changed and an image with them was finished. */
 void state_save(struct state_file *f);
 void state_close(struct state_file *f);
 

@@ -279,7 +279,7 @@ static void note_methods(struct server_figures *f, const struct environment *e)
     f->not_offered = environment_is_latlong(e) ? NULL : panoramic;
 }
 
-/* {lock} Rays and samples of one picture, and what its stages took. */
+/* {lock} Rays and samples of one image, and what its stages took. */
 static void note_work(struct status_board *b, const struct picture_report *report)
 {
     struct server_figures *f = &b->figures;

@@ -57,23 +57,23 @@ void status_frame_received(struct status_board *b, const struct image_faults *fa
 /* A frame was read, but the current method cannot use it. */
 void status_frame_unusable(struct status_board *b, const char *why);
 
-/* A picture of a frame: its inputs, its statistics and the time since the previous one. */
+/* An image of a frame: its inputs, its statistics and the time since the previous one. */
 struct picture_report {
     const struct ingested *in;
     struct protocol_picture header;
     const struct relight_desc *light;
     const struct relight_stats *stats;
     const struct pilot_stats *pilot; /* NULL: the pilot did not choose */
-    double interval_s;               /* 0: the first picture */
+    double interval_s;               /* 0: the first image */
 };
 /* Adds the report to the figures and publishes them. Keeps no pointers. Thread: shade. */
 void status_picture_shaded(struct status_board *b, const struct picture_report *report);
-/* The next picture is a refinement of the same frame. */
+/* The next image is a refinement of the same frame. */
 void status_picture_refined(struct status_board *b, const struct still_stats *stats);
 void status_picture_encoded(struct status_board *b, double ms);
 
-/* The current picture exceeds its time limit; seconds so far, or 0: it is finished. first: not reported for this
- * picture before. */
+/* The current image exceeds its time limit; seconds so far, or 0: it is finished. first: not reported for this
+ * image before. */
 void status_picture_late(struct status_board *b, double seconds, bool first);
 
 /* Counts of the decoder for producers' files; confined: the kernel limits its system calls. */
@@ -82,7 +82,7 @@ void status_decoder(struct status_board *b, const struct decoder_counts *counts,
 /* The computed share of the camera's view, 0..1; 1: it is displayed now. */
 void status_camera_progress(struct status_board *b, const char *camera, double share);
 
-/* The scene has lamps: samples of their light in the newest picture, and the final number. */
+/* The scene has lamps: samples of their light in the newest image, and the final number. */
 void status_set_lamps(struct status_board *b, uint32_t samples, uint32_t wanted);
 
 /* Whether every received frame was shaded, dropped or refused. */
@@ -90,10 +90,10 @@ bool status_all_frames_done(struct status_board *b);
 /* Milliseconds by which shading recently takes longer than reading a frame; 0 if it does not. */
 double status_shading_excess_ms(struct status_board *b);
 
-/* The targets of live pictures. */
+/* The targets of live images. */
 void status_set_publish(struct status_board *b, const struct server_publish *targets, uint32_t count);
 
-/* For the terminal: "29.8 images/s, 3 viewers, error 2.1e-04, cache 34 %"; "" before the first picture. */
+/* For the terminal: "29.8 images/s, 3 viewers, error 2.1e-04, cache 34 %"; "" before the first image. */
 void status_line(struct status_board *b, uint32_t viewers, char *text, size_t size);
 /* The computed share of a light transport cache, 0 to 1; 0: there is none. */
 double status_cache_share(struct status_board *b);

@@ -6,7 +6,7 @@
 
 #define ROWS 7     /* of Tregenza's, below the zenith */
 #define AROUND 720 /* texels: the least by which the halves of 30, 24, 18, 12 and 6 patches divide */
-#define TALL 24    /* texels of a row: the picture is about as fine in height as in width, and half a row is whole */
+#define TALL 24    /* texels of a row: the image is about as fine in height as in width, and half a row is whole */
 
 static const uint32_t tregenza[ROWS] = { 30, 30, 24, 24, 18, 12, 6 };
 
@@ -84,7 +84,7 @@ void reinhart_size(uint32_t mf, uint32_t *width, uint32_t *height)
     *height = TALL * (2 * ROWS * mf + 1); /* two hemispheres of 7 MF rows and a half */
 }
 
-/* North is the middle of the picture and east lies to its right: the azimuth of column x is 2 pi x / width - pi, and
+/* North is the middle of the image and east lies to its right: the azimuth of column x is 2 pi x / width - pi, and
  * patches begin half of their width before their middle. */
 uint32_t reinhart_at(uint32_t mf, uint32_t x, uint32_t y)
 {

@@ -6,7 +6,7 @@
  *
  * Radiance has X to the east, Y to the north and Z up. Here Y is up, north is +Z and east is -X (source/sky.h), so that
  *     (x, y, z) here  =  (-X, Z, Y) there.
- * Patches are rectangles of a lat-long picture. The one that reinhart_sky fills has borders of texels at all of theirs,
+ * Patches are rectangles of a lat-long image. The one that reinhart_sky fills has borders of texels at all of theirs,
  * so that no texel is of two patches. Pure functions; any thread. */
 #ifndef DAYLIGHT_REINHART_H
 #define DAYLIGHT_REINHART_H
@@ -24,7 +24,7 @@ struct reinhart_patch {
 uint32_t reinhart_count(uint32_t mf);
 struct reinhart_patch reinhart_patch(uint32_t mf, uint32_t patch); /* patch < reinhart_count */
 
-/* The MF of so many patches; 0: there is none. */
+/* The MF whose sky has `count` patches; 0: none has. */
 uint32_t reinhart_subdivision(uint64_t count);
 
 /* A row of patches: altitudes of its edges, radians, its first patch and their number. row 7 MF is the zenith. */
@@ -34,10 +34,10 @@ struct reinhart_row {
 };
 struct reinhart_row reinhart_row(uint32_t mf, uint32_t row); /* row <= 7 MF */
 
-/* Of the picture. */
+/* Of the image. */
 void reinhart_size(uint32_t mf, uint32_t *width, uint32_t *height);
 
-/* The patch that texel (x, y) of the picture is of. */
+/* The patch that texel (x, y) of the image is of. */
 uint32_t reinhart_at(uint32_t mf, uint32_t x, uint32_t y);
 
 /* The sky of those patches as a picture: rgb float[height][width][3], lat-long (codec/frame.h).

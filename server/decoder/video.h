@@ -1,7 +1,7 @@
 /* server/decoder/video.h */
 /* Video streams decoded in the sandboxed process relight-video, packet by packet, to linear texels. The decoder
  * (decoder.h) must have been created with desc.video. If a packet crashes the process, the stream is lost:
- * video_is_open says so, and the caller begins it again. Thread: one per decoder. */
+ * video_is_open returns false, and the caller starts it again. Thread: one per decoder. */
 #ifndef DECODER_VIDEO_H
 #define DECODER_VIDEO_H
 
@@ -38,7 +38,7 @@ struct video_picture {
 };
 
 /* The packet's first picture. Call video_next until it has none, before the next packet. ERR_FORMAT: the packet is
- * damaged; the stream goes on if video_is_open. */
+ * damaged; the stream continues if video_is_open. */
 MUST_CHECK enum err video_packet(struct decoder *d, const struct video_desc *desc, const uint8_t *bytes, size_t size,
                                  int64_t time_us, struct video_picture *out, struct reason *why);
 MUST_CHECK enum err video_next(struct decoder *d, const struct video_desc *desc, struct video_picture *out,

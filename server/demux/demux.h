@@ -72,8 +72,8 @@ struct demux_item {
     bool key;
 };
 
-/* Waits up to wait_ms for what comes next. ERR_END: the stream is over. ERR_IO, ERR_FORMAT, ERR_RANGE: it broke off,
- * *why says why; only demux_close is allowed then. */
+/* Waits up to wait_ms for what comes next. ERR_END: the stream is over. ERR_IO, ERR_FORMAT, ERR_RANGE: it failed,
+ * *why has the reason; only demux_close is allowed then. */
 MUST_CHECK enum err demux_next(struct demux *d, int wait_ms, struct demux_item *out, struct reason *why);
 
 /* The next packet is the keyframe at or before time_us. Not while demux_next has returned QUIET and nothing since.

@@ -83,7 +83,7 @@ enum err layout_guess(uint32_t width, uint32_t height, const char *name, enum la
         return ERR_OK;
     if (width == height)
         fits = "ball or fisheye";
-    if (2 * width == 3 * height) /* also the shape of many cameras' pictures */
+    if (2 * width == 3 * height) /* also the shape of many cameras' images */
         fits = "cube-3x2, ball or fisheye (with a centred circle)";
     for (size_t k = 0; k < sizeof(of_faces) / sizeof(of_faces[0]); k++)
         if (layout_fits(of_faces[k], width, height, name, NULL) == ERR_OK)

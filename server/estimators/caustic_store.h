@@ -74,7 +74,7 @@ MUST_CHECK enum err caustic_store_turn(struct caustic_store *s, uint64_t turn, s
 /* Whether all parts of one turn are present; false after a cancelled turn. */
 bool caustic_store_is_complete(const struct caustic_store *s);
 
-/* For live pictures, which do not wait for the store: computes at most `most` of the missing parts, empty ones first.
+/* For live images, which do not wait for the store: computes at most `most` of the missing parts, empty ones first.
  * Cancellation works as in caustic_store_turn. ERR_NOMEM. */
 MUST_CHECK enum err caustic_store_grow(struct caustic_store *s, uint64_t turn, uint32_t most,
                                        const atomic_bool *cancel);

@@ -28,7 +28,7 @@ static inline uint32_t power_pack(const float rgb[3], double u)
     return out | (uint32_t)(power + 127) << 24;
 }
 
-/* What one of a byte stands for. */
+/* The value of one unit of a byte. */
 static inline float power_unit(uint32_t packed)
 {
     const uint32_t bits = packed >> 24 << 23;

@@ -23,7 +23,7 @@ enum tone_curve {
 /* All curves. A new one is a row here and a case in tone_value. */
 extern const struct setting_choice tone_choices[];
 
-/* What may stand for a fixed gain in stops (EV), beyond all of these. */
+/* Automatic modes, used in place of a fixed gain in stops (EV) and larger than any of these. */
 enum exposure_mode {
     EXPOSURE_FOLLOW = 1000, /* each image adapts to its predecessors */
     EXPOSURE_AUTO,          /* one value for all images, from the first */

@@ -14,7 +14,7 @@ struct scaler {
     uint8_t code[CODES + 1];
 };
 
-/* One picture on its way to a smaller one. */
+/* One image on its way to a smaller one. */
 struct scaling {
     const struct scaler *tables; /* of bytes; NULL: floats */
     const uint8_t *bytes;

@@ -1,5 +1,5 @@
 /* Scales an image down: each new pixel is the mean of the area that it covers, in linear light, so that fine bright
- * detail keeps its energy. Pictures are [height][width][3], top row first. Thread: any, one per struct scaler.
+ * detail keeps its energy. Images are [height][width][3], top row first. Thread: any, one per struct scaler.
  */
 #ifndef FILM_SCALE_H
 #define FILM_SCALE_H
@@ -11,7 +11,7 @@ struct scaler;
 struct scaler *scaler_create(void);    /* NULL when out of memory */
 void scaler_destroy(struct scaler *s); /* NULL is allowed */
 
-/* The height that keeps the aspect ratio at a width of at most the picture's; at least 1. */
+/* The height that keeps the aspect ratio at a width of at most the image's; at least 1. */
 uint32_t scale_height(uint32_t width, uint32_t height, uint32_t to_width);
 
 /* The caller owns all arrays. to_width and to_height are 1 to width and height. sRGB values are decoded and encoded

@@ -24,7 +24,7 @@ enum draco_number { /* types of glTF that an attribute can become */
 
 enum draco_result {
     DRACO_OK,
-    DRACO_DAMAGED, /* why says how */
+    DRACO_DAMAGED, /* why has the reason */
     DRACO_NO_MEMORY,
 };
 

@@ -16,7 +16,7 @@ struct gltf_images { /* zeroed but for g at first */
 void gltf_images_finish(struct gltf_images *s); /* frees the list, not the scene's textures */
 
 struct gltf_numbers { /* a texture of numbers: TEXTURE_LINEAR */
-    bool found;       /* false: it cannot be read; the rest is zero, and a warning has said so */
+    bool found;       /* false: it cannot be read; the rest is zero, and a warning was logged */
     uint32_t texture; /* of the scene; MATERIAL_NO_TEXTURE: uniform, the means say it all */
     float mean[4];    /* of the channels, 0..1 */
     struct gltf_surface surface;
@@ -28,8 +28,8 @@ MUST_CHECK enum err gltf_texture_colours(struct gltf_images *s, const struct glt
                                          uint32_t *index, struct gltf_surface *surface);
 
 /* The same for numbers. channels: those that count, bit 0 for red, where a uniform texture is as good as its means; 0:
- * it never is. If only alpha counts, the scene's texture has it in each channel. instead: what a warning says happens
- * without the image, static text. */
+ * it never is. If only alpha counts, the scene's texture has it in each channel. instead: what happens without the
+ * image, for the warning; static text. */
 MUST_CHECK enum err gltf_texture_numbers(struct gltf_images *s, const struct gltf_at *at, unsigned channels,
                                          const char *instead, struct gltf_numbers *out);
 

@@ -244,7 +244,7 @@ static void grey_to_alpha(struct texture *t)
     texture_build_levels(t);
 }
 
-/* A picture that is not a colour; *index stays MATERIAL_NO_TEXTURE, with a warning, if it cannot be read. */
+/* An image that is not a colour; *index stays MATERIAL_NO_TEXTURE, with a warning, if it cannot be read. */
 static enum err read_map(const struct reading *r, const struct aiMaterial *ai, enum aiTextureType type,
                          enum texture_values values, const char *instead, uint32_t *index)
 {

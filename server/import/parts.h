@@ -15,11 +15,11 @@ enum model_normals {
 struct model_desc {
     const struct host *host;
     const char *path;
-    const char *place; /* beginning of messages, such as "plaza.json: models[0]"; NULL: they begin with the path */
-    uint32_t material; /* for the whole model; MATERIAL_NONE: the file's */
-    uint32_t named;    /* the first so many materials of the scene replace the model's of the same name; not glTF's */
-    bool camera;       /* import the file's cameras; glTF only */
-    double time;       /* s, at which its animation stands; NAN: at rest. glTF only */
+    const char *place;    /* beginning of messages, such as "plaza.json: models[0]"; NULL: they begin with the path */
+    uint32_t material;    /* for the whole model; MATERIAL_NONE: the file's */
+    uint32_t named;       /* number of materials of the scene that replace the model's of the same name; not glTF's */
+    bool camera;          /* import the file's cameras; glTF only */
+    double time;          /* s, at which its animation stands; NAN: at rest. glTF only */
     double transform[16]; /* column-major, affine */
     enum model_normals normals;
 };
@@ -54,7 +54,7 @@ MUST_CHECK enum err gltf_load(struct scene *s, const struct model_desc *d, struc
 MUST_CHECK enum err model_add_materials(struct scene *s, const struct aiScene *ai, const struct model_desc *d,
                                         uint32_t *map, struct reason *why);
 
-/* Whether a model of this file name can be read; if not, *why says what would be. ERR_UNSUPPORTED. */
+/* Whether a model of this file name can be read; if not, *why lists the supported formats. ERR_UNSUPPORTED. */
 MUST_CHECK enum err model_check_format(const char *path, struct reason *why);
 
 /* Sets what a glTF material emits: emissiveFactor times KHR_materials_emissive_strength. The texture is set apart. */

@@ -42,7 +42,7 @@ done:
 static enum err decode_jpeg(const void *bytes, size_t count, enum texture_values values, const char *name,
                             struct texture *out, struct reason *why)
 {
-    int width = 0, height = 0, subsampling, colours; /* not set where a file ends before its picture */
+    int width = 0, height = 0, subsampling, colours; /* not set where a file ends before its image */
     enum err e;
 
     tjhandle tj = tjInitDecompress();

@@ -10,27 +10,27 @@
 #include <math.h>
 #include <string.h>
 
-#define GROW_S 0.1 /* of a picture, for paths to be stored; none in the first */
+#define GROW_S 0.1 /* of an image, for paths to be stored; none in the first */
 /* Relative to a white surface under the whole sky: the limit on a path that hits the sky behind mirrors and glass. Such
  * a path finds a sun once in 10^5 times and is then brighter by the same factor, which would leave a speck for
  * minutes. */
 #define BRIGHTEST 4.0
 
-#define MOST_PATHS 2   /* of a point, where eye paths find caustics */
+#define MOST_PATHS 2 /* of a point, where eye paths find caustics */
 
 struct beside {
     const struct set *set;
     struct denoiser *denoiser;
     struct history *history;
-    size_t points, values; /* floats of all shade points, of a picture */
+    size_t points, values; /* floats of all shade points, of an image */
     size_t images;         /* 1; with a ground 2: the second is for splats on it */
     float *weight;         /* [packet_count][16]: sum of a point's weights, if it is seen directly; else 0 */
     float *stored[2];      /* [packet_count][3][16], as the next */
     float *shown;
-    float *image, *rest; /* [images][height][width][3]; rest: splats without a shade point, summed over pictures */
+    float *image, *rest; /* [images][height][width][3]; rest: splats without a shade point, summed over images */
     uint32_t pictures;   /* in rest: since the sky or the estimator changed */
-    uint64_t key, sky;   /* of the last picture; sky: a digest */
-    const struct relight_desc *grows; /* the picture's, if stored paths are to grow; else NULL */
+    uint64_t key, sky;   /* of the last image; sky: a digest */
+    const struct relight_desc *grows; /* the image's, if stored paths are to grow; else NULL */
 };
 
 struct beside *beside_create(const struct set *set, struct denoiser *denoiser)
@@ -160,7 +160,7 @@ static void move_splats(struct beside *b, float *lo)
             move_pixel(b, k % b->values / 3, k / b->values, lo);
 }
 
-/* Both halves of the stored light. Until there is other light to show, the store grows only enough for this picture. */
+/* Both halves of the stored light. Until there is other light to show, the store grows only enough for this image. */
 static enum err run_stored(struct beside *b, struct relight_caustics *c, const struct environment *e,
                            const struct picture_passes *p, struct relight_stats *stats)
 {

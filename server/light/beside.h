@@ -1,5 +1,5 @@
-/* Caustics in live pictures, and the part of them that eye paths find in mirrors and through glass. They are resampled
- * in every picture; a history (history.h) carries them over to the next ones, before and after the cache is complete.
+/* Caustics in live images, and the part of them that eye paths find in mirrors and through glass. They are resampled
+ * in every image; a history (history.h) carries them over to the next ones, before and after the cache is complete.
  * The history of the points' other light never contains them, so that another estimator can take over.
  *
  * Particles splat on pixels. So that the filter can process the splats, they are converted to light at the shade points
@@ -7,7 +7,7 @@
  *
  *     x(point) = sum over its pixels (w S / W) / sum over its pixels (w),   W = sum of w over the pixel's such points
  *
- * Splats on pixels without such a point are added to the picture unfiltered, as the mean of the pictures under one sky.
+ * Splats on pixels without such a point are added to the image unfiltered, as the mean of the images under one sky.
  * With a ground (backplate.h), splats on it go to points of the ground, and the others to other points. Stored paths
  * follow the sky without a history; their two halves are filtered together with the history's. One thread of control.
  */
@@ -26,15 +26,15 @@ struct beside;
 struct beside *beside_create(const struct set *set, struct denoiser *denoiser);
 void beside_destroy(struct beside *b); /* NULL is allowed */
 
-/* Whether pictures of desc need a struct beside: live, of a scene with mirrors or glass. */
+/* Whether images of desc need a struct beside: live, of a scene with mirrors or glass. */
 bool beside_wanted(const struct set *set, const struct relight_desc *desc);
 
-/* Begins a picture under e. Moves caustics by eye paths, and everything but interreflection behind mirrors and glass,
+/* Begins an image under e. Moves caustics by eye paths, and everything but interreflection behind mirrors and glass,
  * from its passes to eye_beside, with a limit for the contribution of a path. */
 void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
                      const struct plan *plan, struct picture_passes *passes);
 
-/* Adds the picture's light to s->lo: stored paths, whose number grows by it, the particles of passes, and eye_beside.
+/* Adds the image's light to s->lo: stored paths, whose number grows by it, the particles of passes, and eye_beside.
  * Adds to *stats. ERR_NOMEM. */
 MUST_CHECK enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics,
                                const struct environment *e, const struct picture_passes *passes,

@@ -11,7 +11,7 @@
 #include <math.h>
 #include <string.h>
 
-#define SEED_AGAIN 0x6c61796572u /* of the second picture, for the error */
+#define SEED_AGAIN 0x6c61796572u /* of the second image, for the error */
 #define REACH 2                  /* pixels around one, over which the squared error is averaged */
 
 static const uint32_t classes_of[LAYER_BACKGROUND] = { PATH_DIRECT, PATH_INDIRECT, PATH_CAUSTICS };
@@ -232,7 +232,7 @@ float layers_error(const float *whole, const float *half, uint32_t width, uint32
     return (float)sqrt(sum / (3.0 * count));
 }
 
-/* By a second picture of half as many samples and other random numbers. */
+/* By a second image of half as many samples and other random numbers. */
 static enum err estimate_error(struct relighter *r, const struct environment *e, const struct picture_passes *all,
                                struct layers *l, struct relight_stats *stats)
 {

@@ -1,7 +1,7 @@
 /* server/light/layers.h */
-/* Splits a picture into layers, one per class of light. The layers use the settings, counts and random numbers of the
- * whole picture, so that
- *     direct + indirect + caustics + background = the picture without its filter,     sun + sky = direct
+/* Splits an image into layers, one per class of light. The layers use the settings, counts and random numbers of the
+ * whole image, so that
+ *     direct + indirect + caustics + background = the image without its filter,     sun + sky = direct
  * up to rounding. One thread of control, that of the relighter. */
 #ifndef LIGHT_LAYERS_H
 #define LIGHT_LAYERS_H
@@ -15,7 +15,7 @@ enum light_layer {
     LAYER_BACKGROUND, /* the sky, also in mirrors and through glass */
     LAYER_SUN,        /* direct light from the sun's texels, if the sky has a sun (env/sky_table.h) */
     LAYER_SKY,        /* the rest of direct light */
-    LAYER_ERROR,      /* [height][width]: standard error (noise, not bias) of the unfiltered picture's luminance */
+    LAYER_ERROR,      /* [height][width]: standard error (noise, not bias) of the unfiltered image's luminance */
     LAYER_COUNT,
 };
 
@@ -33,8 +33,8 @@ struct layers {
 bool layers_init(struct layers *l, const struct set *set);
 void layers_finish(struct layers *l); /* zeroed memory is allowed */
 
-/* The standard error at a pixel: from the mean of the squared differences of luminance over 5 x 5 pixels around. A
- * picture with half the samples has twice the variance, so the difference has three times the picture's variance.
+/* The standard error at a pixel: from the mean of the squared differences of luminance over 5 x 5 pixels around. An
+ * image with half the samples has twice the variance, so the difference has three times the image's variance.
  * whole, half: float[height][width][3]. */
 float layers_error(const float *whole, const float *half, uint32_t width, uint32_t height, uint32_t x, uint32_t y);
 

@@ -47,7 +47,7 @@ void relighter_round(struct relighter *r, bool half)
     r->half = half;
 }
 
-/* A cache under construction changes from picture to picture, and only in this process. */
+/* A cache under construction changes from image to image, and only in this process. */
 struct transport *relighter_transport(const struct relighter *r, const struct picture_passes *passes)
 {
     return passes->cached && r->cache.transport && !r->cache.refused && relight_cache_is_settled(&r->cache)

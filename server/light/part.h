@@ -1,10 +1,10 @@
-/* Distributes one picture over several processes that hold the same set. The first process has the picture's
+/* Distributes one image over several processes that hold the same set. The first process has the image's
  * environment. It describes the passes (team/work.h) and assigns the shade points; others run the passes for a part of
  * the packets, and the results are collected in one array. The bits equal those of one process, since a packet's light
  * depends on no other packet.
  *
- * The first process does everything else: light added to pixels, resolving, histories and filters of noisy pictures. A
- * picture that needs these at its shade points is not distributed. Thread: the relighter's. */
+ * The first process does everything else: light added to pixels, resolving, histories and filters of noisy images. An
+ * image that needs these at its shade points is not distributed. Thread: the relighter's. */
 #ifndef LIGHT_PART_H
 #define LIGHT_PART_H
 
@@ -18,22 +18,22 @@ struct light_part {
     bool sky_taken;               /* by transport_take_sky or transport_unpack_sky */
 };
 
-/* Lights all shade points of a picture into lo with several processes; *stats is that of the caller's part. */
+/* Lights all shade points of an image into lo with several processes; *stats is that of the caller's part. */
 struct light_team {
     enum err (*points)(void *context, struct relighter *r, const struct environment *e,
                        const struct picture_passes *passes, float *lo, struct relight_stats *stats);
     void *context;
 };
 
-/* From now on the relighter distributes its pictures where possible. team is borrowed; NULL ends it. */
+/* From now on the relighter distributes its images where possible. team is borrowed; NULL ends it. */
 void relighter_join(struct relighter *r, const struct light_team *team);
 
 /* From now on the relighter computes its cache with other processes, which call relighter_prepare at the same time, or
  * from share->begin; it keeps what its packets need. share is borrowed; NULL ends it. */
 void relighter_share(struct relighter *r, const struct cache_share *share);
 
-/* Frees what the caches hold outside share->first .. share->end - 1, which have come closer together since the caches
- * were made. Between pictures' points. ERR_NOMEM. */
+/* Frees what the caches hold outside share->first .. share->end - 1, a range that has shrunk since the caches were
+ * made. Between images' points. ERR_NOMEM. */
 MUST_CHECK enum err relighter_narrow(struct relighter *r);
 
 /* Rounds light at shade points to half floats, at most 65504, whichever process computes it. */

@@ -15,8 +15,8 @@
 #include <sys/resource.h>
 #include <time.h>
 
-/* Niceness of the builder's threads, so that they use only the time that the pictures' threads leave over (relightd.c
- * leaves some). With 10, each parallel loop of a picture still waits for a thread that yields too late. */
+/* Niceness of the builder's threads, so that they use only the time that the images' threads leave over (relightd.c
+ * leaves some). With 10, each parallel loop of an image still waits for a thread that yields too late. */
 #define NICENESS 19
 
 enum { QUICK, WHOLE, STAGES }; /* of interreflection */
@@ -191,7 +191,7 @@ static void *build_main(void *arg)
         build_quick_bounce(b);
     if (!b->loaded)
         build_coarsely(b);
-    relight_stand_back(b->threads); /* there is something good to show: pictures come first from here on */
+    relight_stand_back(b->threads); /* there is something good to show: images come first from here on */
     if (bounce && !b->error && !is_cancelled(&b->cancelled))
         build_whole_bounce(b);
     const struct transport *t = b->loaded ? b->loaded : build_direct(b);

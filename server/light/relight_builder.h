@@ -9,7 +9,7 @@
 
 struct relight_builder;
 
-/* Before it begins with what takes long, so that a second picture can follow the first at once. */
+/* Before it begins with what takes long, so that a second image can follow the first at once. */
 #define RELIGHT_GIVE_WAY_S 1.0
 
 /* Permanently gives the calling thread and its OpenMP helpers the lowest priority. */

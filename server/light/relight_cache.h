@@ -36,15 +36,16 @@ void relight_cache_finish(struct relight_cache *c);
 MUST_CHECK enum err relight_cache_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
                                        const struct relight_desc *desc, bool progress, double *ms);
 
-/* With other processes: tells them if a request needs a cache that is missing, for all to load or compute it. ERR_IO:
+/* With other processes: tells them if a request needs a missing cache, so that all load or compute it. ERR_IO:
  * one does not answer. */
 MUST_CHECK enum err relight_cache_begin(const struct relight_cache *c, const struct set *set,
                                         const struct relight_desc *desc);
 
-/* With other processes, once both caches are there and stored: process 0 frees what others' packets need. ERR_NOMEM. */
+/* With other processes, once both caches are complete and stored: process 0 frees the parts that only other processes
+ * need. ERR_NOMEM. */
 MUST_CHECK enum err relight_cache_keep(struct relight_cache *c);
 
-/* With other processes, once share->first and share->end have come closer together: frees what lies outside. ERR_NOMEM.
+/* With other processes, once the range share->first to share->end has shrunk: frees the data outside. ERR_NOMEM.
  */
 MUST_CHECK enum err relight_cache_narrow(struct relight_cache *c);
 

@@ -11,7 +11,7 @@
 
 #define PATHS_PER_PIXEL 64 /* stored by default */
 #define PARTS_STILL 64     /* if none is redrawn, for the progress line only */
-#define SERVES 8           /* 1 / the share of its parts from which a live picture's store is better than eye paths */
+#define SERVES 8           /* 1 / the share of its parts from which a live image's store is better than eye paths */
 #define BEHIND_FOR_EACH 8  /* stored eye paths for each that would be traced in a frame: a frame hardly notices them */
 #define PARTS_AT_ONCE 2    /* of a live picture: one for either half */
 

@@ -11,7 +11,7 @@ struct relight_caustics { /* zero it first */
     struct caustic_store *store;
     struct caustic_store_desc made; /* the settings it was built with */
     struct sky_split sky;
-    size_t image;                      /* floats in one picture */
+    size_t image;                      /* floats in one image */
     struct eye_store *behind;          /* of points behind mirrors and glass; NULL: not asked for */
     struct eye_store_desc behind_made; /* the settings it was built with */
 };
@@ -27,7 +27,7 @@ MUST_CHECK enum err relight_caustics_begin(struct relight_caustics *c, const str
 MUST_CHECK enum err relight_caustics_grow(struct relight_caustics *c, const struct relight_desc *desc, double seconds,
                                           struct relight_stats *stats);
 
-/* True once the store of live pictures has grown enough to light them better than eye paths. */
+/* True once the store of live images has grown enough to light them better than eye paths. */
 bool relight_caustics_serve(const struct relight_caustics *c);
 
 /* Adds the light of one half of the store, 0 or 1, to rgb, as far as it has grown. Call it for half 0 first. ERR_NOMEM.

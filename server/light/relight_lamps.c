@@ -14,7 +14,7 @@
 #include <string.h>
 
 #define BATCH_MOST 4 /* samples per shading point between two images */
-#define URGENT 4     /* samples for which the thread does not stand back: without lamps a picture may be black */
+#define URGENT 4     /* samples for which the thread does not stand back: without lamps an image may be black */
 
 struct relight_lamps {
     struct relight_lamps_desc desc;

@@ -1,6 +1,6 @@
-/* The part of a picture that the scene's own emitters contribute: emissive surfaces and punctual lights
+/* The part of an image that the scene's own emitters contribute: emissive surfaces and punctual lights
  * (lamps/lamps.h). It does not depend on the sky, so it is computed once per scene, camera and seed and then kept:
- * picture = the sky's part + scale * the lamps' part. Either the caller or a separate thread refines it in batches. The
+ * image = the sky's part + scale * the lamps' part. Either the caller or a separate thread refines it in batches. The
  * same number of samples gives the same bits, at any number of threads. */
 #ifndef LIGHT_RELIGHT_LAMPS_H
 #define LIGHT_RELIGHT_LAMPS_H

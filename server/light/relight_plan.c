@@ -23,7 +23,7 @@ void relight_plan(const struct set *set, const struct bounce *bounce, const stru
 
     if (wish.caustics && wish.caustics_by == PLAN_AUTO && facts.casters > 0 && e)
         facts.peakedness = facts_peakedness(e);
-    if (live && wish.particles == 0) /* those of the pictures before count too */
+    if (live && wish.particles == 0) /* those of the images before count too */
         wish.particles = facts.pixels;
     plan_make(&facts, &wish, out);
     if (live && out->caustics == PLAN_LIGHT && wish.caustics_by == PLAN_AUTO) { /* the history is that of the cache's */
@@ -52,7 +52,7 @@ uint32_t relight_plan_later(const struct relight_desc *desc, const struct plan *
     return relight_plan_classes(p, PLAN_STORED);
 }
 
-/* Live pictures do not wait for stored paths; they have histories instead (beside.h). */
+/* Live images do not wait for stored paths; they have histories instead (beside.h). */
 uint32_t relight_plan_behind(const struct set *set, const struct relight_desc *desc, const struct plan *p)
 {
     const bool stored = relight_is_cached(desc) && desc->caustics == PLAN_AUTO && p->caustics == PLAN_STORED;

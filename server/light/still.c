@@ -19,7 +19,7 @@ struct tile {
 
 struct still {
     const struct set *set;
-    struct relighter *relighter; /* separate, so that the pictures' own relighter keeps its state */
+    struct relighter *relighter; /* separate, so that the images' own relighter keeps its state */
     uint8_t *mask;
     float *first, *pass; /* [height][width][3], as what follows */
     double *sum;
@@ -85,7 +85,7 @@ void still_begin(struct still *s, const float *first)
     s->weighed = false;
 }
 
-/* The unbiased light of a pass, with random numbers that no picture uses. */
+/* The unbiased light of a pass, with random numbers that no image uses. */
 static struct relight_desc unbiased(const struct still *s, const struct relight_desc *light)
 {
     struct relight_desc d = *light;
@@ -229,7 +229,7 @@ void still_look(struct still *s, const struct still_wish *wish, struct still_sta
     *out = (struct still_stats){ .passes = s->passes, .first = 1.0 };
     if (s->passes >= 2) {
         weigh_tiles(s);
-        if (!s->weighed) /* by the first picture alone, which may be too noisy to be measured by */
+        if (!s->weighed) /* by the first image alone, which may be too noisy to be measured by */
             weigh_tiles(s);
         s->weighed = true;
         for (uint32_t t = 0; t < s->across * s->down; t++) {

@@ -37,8 +37,8 @@ bool output_has_movies(void); /* whether this build writes video files */
 /* ERR_USAGE unless desc is one that output_create takes; needs no image size. Touches no file. */
 MUST_CHECK enum err output_check(const struct output_desc *desc, struct reason *why);
 
-/* Puts a video in its place, which takes no more frames; other files are there already. Without it, or without a frame,
- * there is no video. ERR_IO, ERR_NOMEM, ERR_UNSUPPORTED: the encoder failed. */
+/* Completes a video and gives the file its name; it accepts no more frames. Other files are complete already. Without
+ * this call, or without a frame, there is no video. ERR_IO, ERR_NOMEM, ERR_UNSUPPORTED: the encoder failed. */
 MUST_CHECK enum err output_finish(struct output *o, struct reason *why);
 
 /* The extension of the format, such as ".png"; NULL: output_check refuses the desc. */

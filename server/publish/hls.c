@@ -18,7 +18,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#define SEGMENT_US 1900000 /* key pictures come every two seconds, and more often when viewers come */
+#define SEGMENT_US 1900000 /* keyframes come every two seconds, and more often when viewers come */
 #define TARGET_S 4         /* bound on a segment that is stated to players; twice the usual length */
 #define LISTED 6           /* segments */
 #define KEEP_S 30          /* files that are not listed any more */
@@ -195,7 +195,7 @@ static void begin_segment(struct hls *h, int64_t time_us)
     h->wall_us = clock_wall_us() - ((int64_t)(1e6 * clock_seconds()) - time_us);
 }
 
-/* A key picture makes the muxer pass on all that was before it. */
+/* A keyframe makes the muxer pass on all that was before it. */
 static enum err hls_write(struct sink *s, const struct sink_unit *unit, struct reason *why)
 {
     struct hls *h = (struct hls *)s;

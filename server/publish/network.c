@@ -31,7 +31,7 @@ enum err network_open(const struct sink_desc *desc, struct sink **out, struct re
 {
     static const struct sink_ops ops = { network_write, network_close };
     /* [1] By itself the kernel would hold several megabytes for a slow receiver, many seconds old.
-     * [2] With its length a receiver has a picture when its last byte comes, not when the next picture begins. */
+     * [2] With its length a receiver has an image when its last byte comes, not when the next image begins. */
     static const struct {
         const char *format, *options;
         bool bare;

@@ -36,12 +36,12 @@ struct outlet {
     bool running;
 
     /* The thread's own. */
-    uint8_t *header; /* parameter sets of the last key picture; NULL: none came yet */
+    uint8_t *header; /* parameter sets of the last keyframe; NULL: none came yet */
     size_t header_size;
     uint32_t width, height;
     bool opening;
     int64_t deadline_ms;              /* of the call under way */
-    int64_t live_ms;                  /* since when the output takes pictures; 0: it has taken none */
+    int64_t live_ms;                  /* since when the output takes images; 0: it has taken none */
     char told[sizeof(struct reason)]; /* the last failure that was logged */
 
     atomic_int_least64_t stop_ms; /* clock_ms when the program began to end; 0: it runs */
@@ -134,7 +134,7 @@ static void limit_ms(struct outlet *o, int64_t ms)
     o->deadline_ms = clock_ms() + ms;
 }
 
-/* Keeps the parameter sets of a key picture. *news: they differ from those before. */
+/* Keeps the parameter sets of a keyframe. *news: they differ from those before. */
 static enum err learn(struct outlet *o, const struct publish_entry *entry, const struct sink_unit *unit, bool *news,
                       struct reason *why)
 {
@@ -165,7 +165,7 @@ static struct sink_unit unit_of(const struct publish_entry *entry)
                                entry->key };
 }
 
-/* Waits for the first key picture, which describes the stream. */
+/* Waits for the first keyframe, which describes the stream. */
 static enum err learn_first(struct outlet *o, struct reason *why)
 {
     struct publish_entry entry;

@@ -1,7 +1,7 @@
 /* server/publish/publish.h */
 /* Publishes the live stream to other programs: H.264 over RTMP, RTSP and SRT, as HLS in a folder, and as recordings.
- * Each target has a thread and a bounded queue: a slow or dead target loses only its own pictures and is retried
- * after 0.5 to 10 s. All targets share the encoded pictures with the viewers. */
+ * Each target has a thread and a bounded queue: a slow or dead target loses only its own images and is retried
+ * after 0.5 to 10 s. All targets share the encoded images with the viewers. */
 #ifndef PUBLISH_PUBLISH_H
 #define PUBLISH_PUBLISH_H
 
@@ -22,11 +22,11 @@ MUST_CHECK enum err publish_available(struct reason *why);
 MUST_CHECK enum err publisher_create(const struct publish_target *targets, uint32_t count, struct publisher **out,
                                      struct reason *why);
 
-/* Whether a target accepts pictures now; *key: one of them needs a keyframe. p may be NULL: false. Thread: any. */
+/* Whether a target accepts images now; *key: one of them needs a keyframe. p may be NULL: false. Thread: any. */
 bool publisher_wants(struct publisher *p, bool *key);
 
-/* Offers a picture whose payload is an H.264 access unit in Annex B format to all targets; never blocks. Call it before
- * the picture is published elsewhere. time_us: any monotonic clock. p may be NULL. One thread at a time. */
+/* Offers an image whose payload is an H.264 access unit in Annex B format to all targets; never blocks. Call it before
+ * the image is published elsewhere. time_us: any monotonic clock. p may be NULL. One thread at a time. */
 void publisher_push(struct publisher *p, struct picture *picture, int64_t time_us);
 
 /* Writes the status of each target. Returns their number. p may be NULL: 0. Thread: any. */

@@ -58,7 +58,7 @@ void publish_queue_open(struct publish_queue *q, bool open)
     pthread_mutex_unlock(&q->lock);
 }
 
-/* {lock} Drops the oldest picture and those that follow it, up to the next key picture. */
+/* {lock} Drops the oldest image and those that follow it, up to the next keyframe. */
 static void drop_chain(struct publish_queue *q)
 {
     do {
@@ -81,7 +81,7 @@ void publish_queue_push(struct publish_queue *q, const struct publish_entry *ent
     while (q->open && is_full(q, size))
         drop_chain(q);
     if (q->open && q->needs_key && !entry->key) {
-        q->dropped += q->broken; /* before the first key picture none is missed */
+        q->dropped += q->broken; /* before the first keyframe none is missed */
     } else if (q->open && !q->closed) {
         q->needs_key = q->broken = false;
         q->entries[(q->first + q->count++) % PUBLISH_QUEUE] = *entry;
@@ -92,7 +92,7 @@ void publish_queue_push(struct publish_queue *q, const struct publish_entry *ent
     pthread_mutex_unlock(&q->lock);
 }
 
-/* {lock} Waits until there is a picture, if `any`, or the queue is closed. */
+/* {lock} Waits until there is an image, if `any`, or the queue is closed. */
 static void wait_for(struct publish_queue *q, bool any, int64_t timeout_ms)
 {
     const int64_t until_ms = clock_ms() + timeout_ms;

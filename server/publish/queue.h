@@ -1,7 +1,7 @@
 /* server/publish/queue.h */
-/* Queues pictures for one target, from the encode thread, which never blocks, to the target's thread. A full queue
- * drops the oldest pictures up to the next keyframe, because a predicted picture is useless without the one before. If
- * it holds no keyframe, it drops all new pictures until one arrives. The queue locks. Thread: any. */
+/* Queues images for one target, from the encode thread, which never blocks, to the target's thread. A full queue
+ * drops the oldest images up to the next keyframe, because a predicted image is useless without the one before. If
+ * it holds no keyframe, it drops all new images until one arrives. The queue locks. Thread: any. */
 #ifndef PUBLISH_QUEUE_H
 #define PUBLISH_QUEUE_H
 
@@ -13,7 +13,7 @@
 struct picture;
 
 #define PUBLISH_QUEUE 128                      /* pictures: four seconds at 30 per second */
-#define PUBLISH_QUEUE_BYTES ((size_t)32 << 20) /* a single larger picture is accepted even so */
+#define PUBLISH_QUEUE_BYTES ((size_t)32 << 20) /* a single larger image is accepted even so */
 
 struct publish_entry {
     struct picture *picture; /* one access unit as payload, with a reference */
@@ -27,35 +27,35 @@ struct publish_queue {
     struct publish_entry entries[PUBLISH_QUEUE]; /* {lock} a ring that begins at `first` */
     unsigned first, count;                       /* {lock} */
     size_t bytes;                                /* {lock} */
-    bool open;                                   /* {lock} accepts pictures */
-    bool needs_key;                              /* {lock} the next picture must be a keyframe, */
-    bool broken;                                 /* {lock} because pictures were dropped */
+    bool open;                                   /* {lock} accepts images */
+    bool needs_key;                              /* {lock} the next image must be a keyframe, */
+    bool broken;                                 /* {lock} because images were dropped */
     bool closed;                                 /* {lock} permanently */
-    uint64_t dropped;                            /* {lock} pictures since the start */
+    uint64_t dropped;                            /* {lock} images since the start */
 };
 
-/* Initialises an empty queue that accepts no pictures. */
+/* Initialises an empty queue that accepts no images. */
 void publish_queue_init(struct publish_queue *q);
-void publish_queue_finish(struct publish_queue *q); /* releases all pictures; no other call may follow */
+void publish_queue_finish(struct publish_queue *q); /* releases all images; no other call may follow */
 
-/* Starts to accept pictures, beginning with a keyframe; or stops, and releases the queued ones, which do not count as
+/* Starts to accept images, beginning with a keyframe; or stops, and releases the queued ones, which do not count as
  * dropped. */
 void publish_queue_open(struct publish_queue *q, bool open);
 
-/* Adds a picture and takes a reference to it, if the queue is open. */
+/* Adds an image and takes a reference to it, if the queue is open. */
 void publish_queue_push(struct publish_queue *q, const struct publish_entry *entry);
 
-/* Removes the oldest picture; the caller owns its reference. False: none arrived within timeout_ms, or the queue is
+/* Removes the oldest image; the caller owns its reference. False: none arrived within timeout_ms, or the queue is
  * closed. */
 bool publish_queue_take(struct publish_queue *q, struct publish_entry *out, int timeout_ms);
 
-/* Whether the queue is open; *key: the next picture must be a keyframe. */
+/* Whether the queue is open; *key: the next image must be a keyframe. */
 bool publish_queue_wants(struct publish_queue *q, bool *key);
 uint64_t publish_queue_dropped(struct publish_queue *q);
 
 /* Waits up to timeout_ms for the queue to close. Returns whether it is closed. */
 bool publish_queue_wait_closed(struct publish_queue *q, int64_t timeout_ms);
 void publish_queue_close(struct publish_queue *q); /* wakes all waiting threads; the queue accepts and returns no more
-                                                      pictures */
+                                                      images */
 
 #endif

@@ -74,7 +74,7 @@ static enum err begin_file(struct record *r, struct reason *why)
     return e;
 }
 
-/* Keeps what is whole; a file without a picture goes. */
+/* Keeps what is whole; a file without an image goes. */
 static void end_file(struct record *r)
 {
     struct reason why = { "" };

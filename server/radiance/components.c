@@ -51,7 +51,7 @@ enum err components_read(const char *text, struct components_desc *out, struct r
     return check_folder(text, why);
 }
 
-/* ---- Pictures ---- */
+/* ---- Images ---- */
 
 enum err components_create(const struct components_desc *desc, struct components **out, struct reason *why)
 {
@@ -108,7 +108,7 @@ enum err components_picture(struct components *c, const float (*radiance)[3], fl
 
 /* ---- Files ---- */
 
-/* The header's lines: what the picture is, and its view. */
+/* The header's lines: what the image is, and its view. */
 static void describe(const struct components_desc *d, uint32_t patch, char *out, size_t size)
 {
     const struct reinhart_patch at = reinhart_patch(d->mf, patch);

@@ -1,6 +1,6 @@
 /* server/radiance/components.h */
 /* A scene's light as daylight coefficients [Tregenza and Waters 1983]: for each patch of Radiance's sky (reinhart.h)
- * the picture under a sky that has a radiance of 1 there and 0 elsewhere. The picture under any sky of such patches is
+ * the image under a sky that has a radiance of 1 there and 0 elsewhere. The image under any sky of such patches is
  * their sum, each times its patch's radiance, which is what Radiance's dctimestep makes of them.
  * docs/internals/transport-cache.md says how.
  *
@@ -36,11 +36,11 @@ struct components;
 MUST_CHECK enum err components_create(const struct components_desc *desc, struct components **out, struct reason *why);
 void components_destroy(struct components *c); /* NULL is allowed */
 
-/* The picture, float[height][width][3], under the sky with these radiances, float[reinhart_count][3]. */
+/* The image, float[height][width][3], under the sky with these radiances, float[reinhart_count][3]. */
 MUST_CHECK enum err components_picture(struct components *c, const float (*radiance)[3], float *rgb,
                                        struct reason *why);
 
-/* One Radiance picture a patch, with the patch's number in its name. */
+/* One Radiance image a patch, with the patch's number in its name. */
 MUST_CHECK enum err components_write(const struct components_desc *desc, struct reason *why);
 
 #endif

@@ -196,7 +196,7 @@ uint64_t parts_bytes(const struct parts *p)
     return (uint64_t)p->count * 3 * pixels_of(p) * sizeof(*p->plane);
 }
 
-/* ---- Pictures ---- */
+/* ---- Images ---- */
 
 /* Adds one plane of a part to so many sums. */
 static void add(const uint16_t *restrict half, float weight, size_t count, float *restrict sum)

@@ -8,7 +8,7 @@
 #define RADIANCE_VIEW_LINE 512
 
 /* "VIEW= -vtv -vp ...\n" in Radiance's axes: x east, y north, z up. -vd and -vu need not be perpendicular.
- * "" for an equisolid fisheye, which Radiance does not know. */
+ * "" for an equisolid fisheye, which Radiance does not support. */
 void radiance_view_line(const struct view *v, char out[RADIANCE_VIEW_LINE]);
 
 #endif

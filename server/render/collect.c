@@ -1,4 +1,4 @@
-/* --collect: pictures of other ranks go to rank 0, which writes them where it alone can. */
+/* --collect: images of other ranks go to rank 0, which writes them where it alone can. */
 #include "render/render_parts.h"
 
 #include "base/mem.h"
@@ -17,7 +17,7 @@ bool render_collects(const struct render *r)
     return render_deals(r) && r->desc.collect;
 }
 
-/* Which pictures rank 0 has, for --resume. */
+/* Which images rank 0 has, for --resume. */
 enum err render_collect_begin(struct render *r, struct reason *why)
 {
     const bool first = ranks_index(r->desc.ranks) == 0;
@@ -55,7 +55,7 @@ bool render_collect_has(const struct render *r, uint64_t number)
     return r->there_count > 0 && bsearch(&number, r->there, r->there_count, sizeof(number), by_number);
 }
 
-/* The picture's number, its radiance and, if asked for, its foreground. */
+/* The image's number, its radiance and, if asked for, its foreground. */
 enum err render_collect_post(struct render *r, struct reason *why)
 {
     const size_t rgb = values_of(r) * 3 * sizeof(float), rgba = r->rgba ? values_of(r) * 4 * sizeof(float) : 0;

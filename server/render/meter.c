@@ -1,6 +1,6 @@
 /* --exposure auto: one value for the whole sequence, measured before its images.
  *
- * The measured picture is a rough one of the metering frame, whose settings are fixed here: few pixels, few samples,
+ * The measured image is a rough one of the metering frame, whose settings are fixed here: few pixels, few samples,
  * denoised, a seed of its own. So it costs the same for all sizes and sample counts, and the value depends on scene,
  * camera, sky and --paths alone: not on the frames that are rendered, nor on method, samples or seed. */
 #include "render/render_parts.h"

@@ -68,7 +68,7 @@ static enum err light_lamps(struct render *r, struct reason *why)
     return e || !r->lamps ? e : relight_lamps_complete(r->lamps, s->set_desc.progress, why);
 }
 
-/* Pictures without the background. */
+/* Images without the background. */
 static enum err keep_alpha(struct render *r, struct reason *why)
 {
     const struct set_desc *d = &r->desc.setup.set_desc;

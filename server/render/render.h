@@ -26,16 +26,16 @@ struct render_desc {
     bool layers;                       /* of EXR: not by a reference method, nor with a target or alpha */
     const char *stats_path;            /* JSON, one object per frame; "-": standard output; NULL: none */
     const char *changes;               /* pattern of change maps, PNG (light/changes.h); NULL: none */
-    bool resume;                       /* keep pictures that are there */
+    bool resume;                       /* keep images that are there */
     struct ranks *ranks;               /* NULL: this process renders all frames */
-    bool collect;                      /* rank 0 writes the pictures of all ranks */
+    bool collect;                      /* rank 0 writes the images of all ranks */
     bool split;                        /* ranks light each frame together, instead of one rank per frame */
     const struct probe_request *probe; /* printed to standard output per frame; NULL: none */
 };
 
 /* Frames that cannot be read are reported and skipped; then, and on ERR_IO and ERR_NOMEM, the result is an error.
- * ERR_USAGE: one output file for many frames; frames that cannot be dealt out or kept. Collective in a job, in which an
- * error of one rank ends all. Errors are also those of source_open and set_create. */
+ * ERR_USAGE: one output file for many frames; frames that cannot be distributed or kept. Collective in a job, in
+ * which an error of one rank ends all. Errors are also those of source_open and set_create. */
 MUST_CHECK enum err render_sequence(const struct render_desc *desc, struct reason *why);
 
 #endif

@@ -49,14 +49,14 @@ struct render {
     struct output *maps;    /* of desc.changes; NULL: none */
     struct prober *prober;  /* NULL: no pixel is asked about */
     float *rgb;             /* [height][width][3] */
-    float *rgba;            /* [height][width][4]: the foreground; NULL: not asked for */
+    float *rgba;            /* [height][width][4]: the foreground; NULL: not requested */
     FILE *stats;            /* NULL: none */
     struct frame frame;
     bool decoded; /* already, as `decoding` says */
     struct decoding decoding;
     struct render_ahead ahead;
     uint64_t rendered, refused, kept;
-    uint64_t *there; /* [there_count]: numbers of the pictures that rank 0 has, ascending; with desc.collect */
+    uint64_t *there; /* [there_count]: numbers of the images that rank 0 has, ascending; with desc.collect */
     size_t there_count;
     uint64_t position; /* of the frame in the source; of a job */
     struct bytes {     /* of a job: statistics of this rank's frames, as share.c has them */
@@ -65,7 +65,7 @@ struct render {
     } texts;
     bool warned_clipped;
     struct progress line;         /* of the whole sequence */
-    struct render_layers *layers; /* NULL: not asked for */
+    struct render_layers *layers; /* NULL: not requested */
     bool unmetered;               /* --exposure auto has no value yet */
 };
 
@@ -84,8 +84,8 @@ MUST_CHECK enum err render_meter(struct render *r, struct reason *why);
  * light from above; else as render_expose. */
 MUST_CHECK enum err render_calibrate(struct render *r, struct reason *why);
 
-/* changes.c: change maps. render_changes_create makes r->maps if they are asked for: errors of output_create.
- * render_changes takes the frame's picture, if maps or statistics are wanted, and writes its map: ERR_NOMEM; errors of
+/* changes.c: change maps. render_changes_create makes r->maps if they are requested: errors of output_create.
+ * render_changes takes the frame's image, if maps or statistics are wanted, and writes its map: ERR_NOMEM; errors of
  * output_write. */
 MUST_CHECK enum err render_changes_create(struct render *r, struct reason *why);
 MUST_CHECK enum err render_changes(struct render *r, const struct relight_stats *stats, struct reason *why);
@@ -96,10 +96,10 @@ MUST_CHECK enum err render_layers_create(struct render *r, struct reason *why);
 MUST_CHECK enum err render_layers_run(struct render *r, struct relight_stats *stats);
 void render_layers_destroy(struct render_layers *l); /* NULL is allowed */
 
-/* share.c: what ranks of a job share, and what --resume keeps. render_check_shared: ERR_USAGE where frames cannot be
- * dealt out or kept. render_take: the next frame for this process, in r->frame; errors of source_next. render_is_kept:
- * whether a frame's picture is there already. render_note puts down the statistics of a frame, `text` (malloc; freed
- * here), and render_join writes those of all ranks, collectively. ERR_NOMEM. */
+/* share.c: what ranks of a job share, and what --resume keeps. render_check_shared: ERR_USAGE if frames cannot be
+ * distributed or kept. render_take: the next frame for this process, in r->frame; errors of source_next.
+ * render_is_kept: whether a frame's image exists already. render_note records the statistics of a frame, `text`
+ * (malloc; freed here), and render_join writes those of all ranks, collectively. ERR_NOMEM. */
 bool render_deals(const struct render *r); /* one rank per frame */
 MUST_CHECK enum err render_check_shared(const struct render *r, struct reason *why);
 MUST_CHECK enum err render_take(struct render *r, struct reason *why);
@@ -107,9 +107,9 @@ bool render_is_kept(const struct render *r, const struct frame *frame);
 MUST_CHECK enum err render_note(struct render *r, char *text);
 MUST_CHECK enum err render_join(struct render *r, struct reason *why);
 
-/* collect.c: --collect. render_collect_begin, collectively, tells all ranks which pictures are there. Other ranks post
- * each picture; rank 0 writes those that have come, with `all` until the end, which render_collect_end is on all ranks.
- * Errors are those of output_write; ERR_NOMEM; ERR_RANGE. */
+/* collect.c: --collect. render_collect_begin, collectively, tells all ranks which images exist. Other ranks send each
+ * image; rank 0 writes those that have arrived, or with `all` waits for the rest. All ranks call render_collect_end
+ * at the end. Errors are those of output_write; ERR_NOMEM; ERR_RANGE. */
 bool render_collects(const struct render *r);
 MUST_CHECK enum err render_collect_begin(struct render *r, struct reason *why);
 bool render_collect_has(const struct render *r, uint64_t number);
@@ -118,8 +118,8 @@ MUST_CHECK enum err render_collect_take(struct render *r, bool all, struct reaso
 MUST_CHECK enum err render_collect_end(struct render *r, enum err own, struct reason *why);
 
 /* split.c: ranks light each frame together. render_split_begin joins them, collectively; then rank 0 renders and the
- * others do what render_split_serve does, until render_split_end, which also says what it took. Errors are those of
- * team.h; ERR_USAGE: a ground. render_split_take makes the frame that was taken ahead the current one; errors of
+ * others run render_split_serve until render_split_end, which also logs the times. Errors are those of team.h;
+ * ERR_USAGE: a ground. render_split_take makes the frame that was taken ahead the current one; errors of
  * source_next. */
 MUST_CHECK enum err render_split_begin(struct render *r, struct reason *why);
 MUST_CHECK enum err render_split_serve(struct render *r, struct reason *why);

@@ -1,4 +1,4 @@
-/* Frames dealt out to the ranks of a job, their statistics joined in the frames' order, and pictures that are kept. */
+/* Frames dealt out to the ranks of a job, their statistics joined in the frames' order, and images that are kept. */
 #include "render/render_parts.h"
 
 #include "base/mem.h"

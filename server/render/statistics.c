@@ -81,7 +81,7 @@ static json_t *cache_stats(const struct render *r, const struct relight_stats *s
         (int)f->lit, "packets_bright", (int)f->shone);
 }
 
-/* The light paths that are kept, and what was drawn anew for this picture. */
+/* The light paths that are kept, and what was drawn anew for this image. */
 static json_t *stored_stats(const struct relight_stats *s)
 {
     const struct caustic_store_stats *c = &s->stored;

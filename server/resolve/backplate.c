@@ -31,7 +31,7 @@ struct backplate {
     uint32_t n;      /* theirs */
     double bare[3];
     float *unshadowed, *splats; /* NULL until they are needed */
-    float *through, *behind; /* [height][width][3]: T, and what the picture shows of the background; NULL: not kept */
+    float *through, *behind;    /* [height][width][3]: T, and what the image shows of the background; NULL: not kept */
 };
 
 static size_t values_of(const struct backplate *b)

@@ -1,7 +1,7 @@
 /* The ground as a shadow catcher (scene/ground.h): where the camera sees it, also in mirrors and through glass, the
- * picture is the background, scaled by the model's effect on the ground's light. Per channel, for a point x of the
+ * image is the background, scaled by the model's effect on the ground's light. Per channel, for a point x of the
  * ground seen along d,
- *     picture = B(d) L(x) / L0,     L0 = albedo / pi  E,
+ *     image = B(d) L(x) / L0,     L0 = albedo / pi  E,
  * where B is the sky behind the ground, L the radiance of x with the model, by any estimator, and L0 its radiance
  * without the model: E is the closed-form irradiance of an unoccluded horizontal plane (env/irradiance.h). Far from the
  * model the ground thus looks like the background; towards the model it is Lambertian. The ratio is 1 in channels where
@@ -33,7 +33,7 @@ void backplate_destroy(struct backplate *b); /* NULL is allowed */
 /* L0 under e, W sr^-1 m^-2. ERR_NOMEM. */
 MUST_CHECK enum err backplate_bare(const struct environment *e, double rgb[3]);
 
-/* Call it first for every frame. sky: the picture shows the background. ERR_NOMEM. */
+/* Call it first for every frame. sky: the image shows the background. ERR_NOMEM. */
 MUST_CHECK enum err backplate_begin(struct backplate *b, const struct environment *e, bool sky);
 
 /* While held, backplate_begin keeps L0 of the previous sky, so that L / L0 is the share of one part of that sky's
@@ -58,17 +58,17 @@ void backplate_restore(const struct backplate *b, float *lo);
  * NULL: out of memory. */
 float *backplate_splats(struct backplate *b);
 
-/* Adds both images to a picture. */
+/* Adds both images to an image. */
 void backplate_add_splats(struct backplate *b, const struct environment *e, float *rgb);
 
 /* From now on keeps the data for backplate_split. ERR_NOMEM. */
 MUST_CHECK enum err backplate_keep(struct backplate *b);
 
-/* Splits the last frame's picture, to which more light may have been added, into a foreground and its alpha for any
+/* Splits the last frame's image, to which more light may have been added, into a foreground and its alpha for any
  * background: rgba float[height][width][4], premultiplied. With T the share of the background that remains in a
  * channel (1 in the sky, L / L0 on the ground, 0 on the model),
  *     alpha = 1 - min(1, least T),   foreground = the model + (T - 1 + alpha) B,
- * so that foreground + (1 - alpha) B is the picture; caustics and coloured shadows are in the foreground. */
+ * so that foreground + (1 - alpha) B is the image; caustics and coloured shadows are in the foreground. */
 void backplate_split(const struct backplate *b, const struct environment *e, const float *rgb, float *rgba);
 
 #endif

@@ -39,7 +39,7 @@ struct shade_packet { /* 16 shading points; lanes >= count repeat the last one a
 void shade_packet_put(struct shade_packet *to, uint32_t at, const struct shade_packet *from, uint32_t lane,
                       int32_t valid);
 
-/* Neighbouring packets can use different light samples: packet `index` is in one of so many sets. Multiplying by
+/* Neighbouring packets can use different light samples: packet `index` uses one of PACKET_SETS sets. Multiplying by
  * 2^32 / phi spreads neighbours over them. */
 #define PACKET_SETS 16
 static inline uint32_t packet_set(uint32_t index)

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #define SEGMENTS 64u
-#define FADE_SIDE 256u /* texels of the picture of its coverage */
+#define FADE_SIDE 256u /* texels of the image of its coverage */
 #define FADE_END 0.97f /* as a share of the radius: no coverage is left at the polygon's chords */
 #define BELOW 1e-4f    /* of the model's radius */
 #define STEP_BACK 1.4f

@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-/* A picture's height spans the field of view. */
+/* An image's height spans the field of view. */
 static double step_of(const struct camera *c, uint32_t height)
 {
     switch (c->projection) {

@@ -1,6 +1,6 @@
 /* server/scene/view.h */
 /* A camera's view: from pixels to directions, and from points to pixels. Pixel (0, 0) is at the top left, square; pixel
- * (x, y) spans x..x+1 and y..y+1. A fisheye's picture is a circle, as high as the picture; a point at distance r pixels
+ * (x, y) spans x..x+1 and y..y+1. A fisheye's image is a circle, as high as the image; a point at distance r pixels
  * from the centre shows the angle t to the viewing direction:
  *     equidistant: t = step r        equisolid: sin(t/2) = step r / 2
  * Immutable after view_init. Thread: any. */

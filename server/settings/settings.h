@@ -1,7 +1,7 @@
 /* server/settings/settings.h */
 /* The one table of settings for light, scene and image: flags of relightd, relight-render, relight-bench and
- * relight-chart, the configuration file, control messages and the state file all follow from it (base/setting.h). Flags
- * that one program alone has stand in a table beside that program's main. */
+ * relight-chart, the configuration file, control messages and the state file all follow from it (base/setting.h).
+ * Flags of a single program are in a table next to that program's main. */
 #ifndef SETTINGS_SETTINGS_H
 #define SETTINGS_SETTINGS_H
 
@@ -13,7 +13,7 @@
 /* What controllers may change while relightd runs, and what it is at the start. */
 struct settings {
     enum method method;
-    uint32_t samples; /* per shading point; asked for as 0: as many as there is time for */
+    uint32_t samples; /* per shading point; requested as 0: as many as time allows */
     bool counted;     /* someone fixed the sample count: no pilot */
     double error;     /* the pilot stops at this relMSE; 0: it uses all the time there is */
     uint32_t classes; /* PATH_* of paths.h */
@@ -22,7 +22,7 @@ struct settings {
     double lamps;    /* factor of the light of the scene's own emitters */
     char camera[64]; /* its name; "": the first of the scene */
     enum tone_curve tone;
-    double exposure_stops; /* the gain is 2^this; or EXPOSURE_*: by the pictures, */
+    double exposure_stops; /* the gain is 2^this; or EXPOSURE_*: by the images, */
     double bias_stops;     /* with this added */
     bool paused;           /* the source is paused */
 

@@ -9,12 +9,12 @@
 
 struct live;
 
-/* Whether a web server's video has come that is no live stream, as it has a length, where nothing had come before. The
- * thread has ended: the video can be opened as a file. */
+/* Whether the first video from a web server has a length, and so is a file and not a live stream. The thread has then
+ * ended: the video can be opened as a file. */
 bool live_is_recording(struct live *l);
 
-/* Starts the thread, which connects. first: an open footage that it takes over, or NULL. tries: it gives up after so
- * many connections without a single picture; 0: never. ERR_NOMEM: then `first` still belongs to the caller. */
+/* Starts the thread, which connects. first: an open footage that it takes over, or NULL. tries: it gives up after
+ * this many connections without a single frame; 0: never. ERR_NOMEM: then `first` still belongs to the caller. */
 MUST_CHECK enum err live_start(const struct footage_desc *desc, struct footage *first, unsigned tries,
                                struct live **out, struct reason *why);
 void live_stop(struct live *l); /* waits for the thread; NULL is allowed */

@@ -46,9 +46,8 @@ struct source_desc {
     bool loop;                    /* restart after the last frame; numbers repeat */
     struct video_colour colour;   /* of videos, instead of what they say; zero: as they say */
     const char *ca;               /* of network sources: see demux.h */
-    bool wait;                    /* a web server that is down is waited for, as other network sources always are */
-    unsigned tries;               /* a live stream that no picture came from is given up after so many connections; 0:
-                                     never */
+    bool wait;                    /* wait for a web server that is down, as for other network sources */
+    unsigned tries;               /* give up on a live stream after this many connections without a frame; 0: never */
 };
 
 bool source_has_video(void); /* whether this build reads videos and live streams */
@@ -73,12 +72,13 @@ MUST_CHECK enum err source_next(struct source *s, struct frame *f, struct reason
  * source_open and source_next; ERR_IO also if there is no frame. */
 MUST_CHECK enum err source_first(const struct source_desc *desc, struct frame *f, struct reason *why);
 
-/* Number of frames in one pass; 0 if unknown or infinite. Of a video, what its container says, until a pass is over. */
+/* Number of frames in one pass; 0 if unknown or infinite. For a video, the container's figure until a pass is
+ * complete. */
 uint64_t source_count(const struct source *s);
 /* The frames per second with which a video is to be played; 0: the source has no rate of its own. */
 double source_rate(const struct source *s);
 
-/* Whether frames can be expected. False: a live stream is not connected; *why says why. */
+/* Whether frames can be expected. False: a live stream is not connected; *why has the reason. */
 bool source_is_connected(struct source *s, struct reason *why);
 
 /* Whether source_next gave up a live stream: it returned ERR_IO and always will. */

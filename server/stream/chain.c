@@ -3,7 +3,7 @@
 /* H.264 pictures encode only changes since the picture before. A viewer that misses one can continue only at a key
  * picture, which is ten times as large. So the last few pictures are kept for viewers that are slightly behind, and
  * more of them may be under way at once, because the round trip of a long line exceeds two pictures. A viewer that is
- * far behind first waits until its line is clear, then starts at a key picture. */
+ * far behind first waits until its line is clear, then starts at a keyframe. */
 
 static struct picture *kept(const struct server *s, unsigned track, uint64_t sequence)
 {
@@ -30,7 +30,7 @@ void chain_place(struct server *s, struct picture *p)
 
     picture_unref(*place);
     *place = NULL;
-    if (!(s->demand.h264 >> track & 1)) /* nobody watches; the next viewer starts at a key picture */
+    if (!(s->demand.h264 >> track & 1)) /* nobody watches; the next viewer starts at a keyframe */
         return;
     *place = picture_ref(p);
     if (header->flags & PROTOCOL_PICTURE_KEY)

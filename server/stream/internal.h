@@ -189,7 +189,7 @@ struct server {
     uint64_t issued[STREAM_KINDS];                      /* {lock} the last sequence number given */
     uint64_t begun;                                     /* {lock} calls of server_begin_picture */
     struct picture *chain[SERVER_TRACKS][STREAM_CHAIN]; /* {lock} picture n at n % STREAM_CHAIN; NULL: not kept */
-    uint32_t keys_wanted;                               /* {lock} bits 1 << track: a viewer needs a key picture */
+    uint32_t keys_wanted;                               /* {lock} bits 1 << track: a viewer needs a keyframe */
     uint64_t published;                                 /* {lock} */
     int64_t captured_us;                                /* {lock} of the last frame whose age was observed */
     char *status;                /* {lock} the part of a status that all viewers share; NULL: figures have changed */
@@ -227,15 +227,15 @@ void server_log_certificate(const struct server *s);
 /* server.c: {lock} makes the picture the newest of its kind. The caller releases the one before, which it returns. */
 struct picture *server_place(struct server *s, struct picture *p, uint8_t flags);
 
-/* chain.c: H.264 pictures, each of which needs the one before unless it is a key picture. All {lock}. */
+/* chain.c: H.264 pictures, each of which needs the one before unless it is a keyframe. All {lock}. */
 void chain_place(struct server *s, struct picture *p); /* keeps it if watched, with a new reference */
 void chains_clear(struct server *s, uint32_t watched); /* drops the pictures of tracks not in `watched` */
-/* The viewer's next picture: the next of its chain, or else the newest key picture. Not referenced; NULL: none. */
+/* The viewer's next picture: the next of its chain, or else the newest keyframe. Not referenced; NULL: none. */
 struct picture *chain_next(const struct server *s, const struct viewer *v);
 uint64_t chain_newest(struct server *s, unsigned track); /* the last sequence number; takes the lock itself */
 /* Whether p may begin before pictures under way are acknowledged. */
 bool chain_may_begin(const struct server *s, const struct viewer *v, const struct picture *p);
-/* Requests a key picture if the viewer cannot continue without one. */
+/* Requests a keyframe if the viewer cannot continue without one. */
 void chain_ask(struct server *s, const struct viewer *v);
 
 /* http.c, viewer.c: the callbacks of libwebsockets. Thread: service. */

@@ -91,7 +91,7 @@ static void pace_over(lws_sorted_usec_list_t *sul)
     viewer_request_write(v);
 }
 
-/* Whether the viewer has credit and a next picture. Without one, an H.264 viewer requests a key picture. */
+/* Whether the viewer has credit and a next picture. Without one, an H.264 viewer requests a keyframe. */
 static bool has_picture(struct viewer *v)
 {
     const bool video = v->wish.subscribe.format == PROTOCOL_H264;

@@ -1,5 +1,5 @@
 /* server/tools/relight_diff.c */
-/* How far a picture is from a reference: means, relative squared error, visible error, and where. */
+/* How far an image is from a reference: means, relative squared error, visible error, and where. */
 #include "codec/decode.h"
 #include "compare/error_map.h"
 #include "codec/exr_write.h"
@@ -25,7 +25,7 @@ enum bound {
 };
 
 struct diff {
-    const char *names[2]; /* of the picture and of the reference */
+    const char *names[2]; /* of the image and of the reference */
     struct image images[2];
     double trim, pixels_per_degree;
     uint8_t *mask;
@@ -170,7 +170,7 @@ static enum err write_map(const struct diff *d, const char *path, struct reason 
     return error_map_write(d->map, d->mask, d->images[1].width, d->images[1].height, path, why);
 }
 
-/* Of what would be 0/0: 1, two black pictures are alike. */
+/* Of what would be 0/0: 1, two black images are alike. */
 static double ratio(double x, double r)
 {
     return x == r ? 1.0 : x / r;

@@ -16,7 +16,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#define LIVE_TRIES 4 /* connections to a live stream before its first picture; 3.5 s between them */
+#define LIVE_TRIES 4 /* connections to a live stream before its first image; 3.5 s between them */
 
 struct render {
     struct render_desc desc;
@@ -139,7 +139,7 @@ static enum err read_target(const struct command *c, struct render *r, struct re
     return ERR_OK;
 }
 
-/* The filter takes pictures by counts, made of shade points. */
+/* The filter takes images by counts, made of shade points. */
 static enum err check_denoise(const struct render *r, struct reason *why)
 {
     const enum method method = r->desc.setup.light.direct.method;

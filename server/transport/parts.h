@@ -69,13 +69,13 @@ struct transport_sight {
 };
 
 struct transport_block {
-    uint32_t first, packets;      /* of the G-buffer */
-    uint32_t kind;                /* enum lobe_kind */
-    uint32_t rows;                /* rows with pieces; blocks with narrow lobes have only the matte row */
-    bool narrow;                  /* has lobes narrower than a cell, and therefore gazes */
-    bool fine;                    /* its stage is TRANSPORT_FINE; valid only for published blocks */
-    uint32_t freed;               /* bytes that transport_keep has freed */
-    struct transport_gaze *gazes; /* [packets][TRANSPORT_GAZES]; NULL until built */
+    uint32_t first, packets;       /* of the G-buffer */
+    uint32_t kind;                 /* enum lobe_kind */
+    uint32_t rows;                 /* rows with pieces; blocks with narrow lobes have only the matte row */
+    bool narrow;                   /* has lobes narrower than a cell, and therefore gazes */
+    bool fine;                     /* its stage is TRANSPORT_FINE; valid only for published blocks */
+    uint32_t freed;                /* bytes that transport_keep has freed */
+    struct transport_gaze *gazes;  /* [packets][TRANSPORT_GAZES]; NULL until built */
     struct transport_sight *sight; /* NULL until built */
     struct transport_piece pieces[TRANSPORT_ROWS];
 };
@@ -370,7 +370,7 @@ uint64_t transport_piece_bytes(const struct transport_piece *q, uint32_t points)
 uint64_t transport_gaze_bytes(const struct transport_block *b);
 uint64_t transport_block_bytes(const struct transport_block *b);
 
-/* Whether numbers of so many bytes, transport_piece_bytes, can be used: V's bytes may have any value, halves must be
+/* Whether stored numbers (`bytes` from transport_piece_bytes) are valid: V's bytes may have any value, halves must be
  * finite, and gains 0 or more and below a million. */
 bool transport_is_sound(const struct transport_piece *q, size_t bytes);
 void transport_block_finish(struct transport_block *b); /* frees its pieces and gazes */

@@ -160,7 +160,7 @@ void chains_from_eye(const struct path_world *world, const double xy[2], struct 
             weight[k] *= (double)at.weight;
         if (at.rough) {
             double factor[3] = { 1.0, 1.0, 1.0 };
-            float still[3]; /* is in path.h's part of the picture */
+            float still[3]; /* is in path.h's part of the image */
             if (path_shows_ground(world, at.material))
                 path_ground_factor(world, dir, factor, still);
             for (int k = 0; k < 3; k++)
