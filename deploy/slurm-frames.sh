@@ -1,6 +1,6 @@
 #!/bin/sh
 # A sequence as a Slurm array: each job of the array renders a range of frames, as an MPI job of its own. Jobs that failed or
-# were preempted start again and keep the pictures that are there.
+# were preempted restart and keep existing images.
 #     sbatch --array=0-9 slurm-frames.sh 0 2399 --source 'captures/sky.%04d.exr' --out 'pictures/%04d.exr'
 # The numbers are the first and the last frame; the other arguments are those of relight-render. docs/clusters.md describes the choice
 # of tasks and processors.

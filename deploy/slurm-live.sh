@@ -1,5 +1,5 @@
 #!/bin/sh
-# relightd as a Slurm job: rank 0 serves the viewers, all ranks light each picture. If a rank dies, the job ends and starts again from
+# relightd as a Slurm job: rank 0 serves the viewers, all ranks light each image. If a rank dies, the job ends and restarts from
 # the stored cache; viewers reconnect by themselves.
 #     sbatch slurm-live.sh --scene court.json --size 1280x720 --cache-dir /shared/relight
 # The arguments are those of relightd. The page is at the first node of the job: squeue -j JOB -o %B.

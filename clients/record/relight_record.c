@@ -1,7 +1,7 @@
 /* clients/record/relight_record.c */
-/* Stores the pictures of a relightd as files: live, as many as arrive, or as the recorder of a lockstep sequence,
- * exactly one per environment frame. A picture is acknowledged once it is safely on disk. Everything runs on one
- * thread: while a picture is being stored, the server holds back the one after the next. */
+/* Stores a relightd's images as files: live, as many as arrive, or as the recorder of a lockstep sequence, exactly
+ * one per environment frame. An image is acknowledged once it is safely on disk. Everything runs on one thread: while
+ * a picture is being stored, the server holds back the one after the next. */
 #include "base/clock.h"
 #include "clients/common/client.h"
 #include "base/file_pattern.h"

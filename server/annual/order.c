@@ -1,5 +1,5 @@
-/* Rows in the order of time, whichever rank of a job has lit the moments: measures are sums, and tables are resumed by
- * their first rows. */
+/* Writes rows in chronological order, whichever rank of a job has lit the moments, because measures are sums, and
+ * because --resume continues after the first rows. */
 #include "annual/annual_parts.h"
 
 #include "base/mem.h"

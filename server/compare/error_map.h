@@ -1,5 +1,5 @@
 /* server/compare/error_map.h */
-/* An image of the errors: relative error, logarithmic from 0.1 % (black) through violet, red and orange to 100 % (pale
+/* Draws an error map: relative error, logarithmic from 0.1 % (black) through violet, red and orange to 100 % (pale
  * yellow), with evenly increasing lightness and a scale below. Any thread. */
 #ifndef COMPARE_ERROR_MAP_H
 #define COMPARE_ERROR_MAP_H

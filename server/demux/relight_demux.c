@@ -1,4 +1,4 @@
-/* relight-demux: the process that the programs start to take a video file or a network stream apart. */
+/* relight-demux: the process that the programs start to demultiplex a video file or a network stream. */
 #define _GNU_SOURCE
 #include "confine/confine.h"
 #include "demux/read.h"

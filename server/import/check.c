@@ -1,4 +1,4 @@
-/* What Assimp 5.2 takes on trust, checked before it reads the file. */
+/* Checks headers that Assimp 5.2 does not check, before it reads the file. */
 #include "import/parts.h"
 
 #include <string.h>

@@ -1,5 +1,5 @@
-/* Animation at one moment: what its channels say then replaces the numbers of the nodes in the JSON text, before
- * anything reads them. So nodes, skins, weights, cameras and lights follow without knowing of it. */
+/* Applies an animation at one time: the values of its channels replace those of the nodes in the JSON text, before
+ * other code reads them. So nodes, skins, weights, cameras and lights need no code for animation. */
 #include "import/gltf.h"
 
 #include "base/mem.h"

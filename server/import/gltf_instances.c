@@ -1,4 +1,4 @@
-/* Places of a mesh: of its nodes, and EXT_mesh_gpu_instancing. */
+/* Collects the placements of a mesh: its nodes, and EXT_mesh_gpu_instancing. */
 #include "import/gltf_mesh.h"
 
 #include "base/mem.h"

@@ -1,5 +1,5 @@
-/* What glTF says about light: emission of materials, and KHR_lights_punctual. Its photometric units are taken as
- * numbers: 1 cd/m^2 becomes a radiance of 1, 1 candela an intensity of 1, 1 lux an irradiance of 1. */
+/* Lights of glTF: emission of materials, and KHR_lights_punctual. The numbers of its photometric units are used
+ * unchanged: 1 cd/m^2 becomes a radiance of 1, 1 candela an intensity of 1, 1 lux an irradiance of 1. */
 #include "import/gltf.h"
 
 #include <math.h>

@@ -1,4 +1,4 @@
-/* Nodes of the scene and what they carry. */
+/* Nodes of the scene, with their meshes and cameras. */
 #include "import/gltf.h"
 
 #include "base/mem.h"

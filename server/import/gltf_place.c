@@ -1,4 +1,4 @@
-/* Meshes get their places in the world: copies, or instances that share arrays. */
+/* Places meshes in the world, as copies or as instances that share arrays. */
 #include "import/gltf_mesh.h"
 
 #include "base/mem.h"

@@ -1,5 +1,6 @@
-/* Materials of OBJ (MTL), FBX, COLLADA, 3DS, PLY and STL files as Assimp provides them. Their Blinn-Phong model has no
- * energy balance, so the nearest of ours takes its place: a GGX lobe as wide as the highlight, a mirror or glass. */
+/* Materials of OBJ (MTL), FBX, COLLADA, 3DS, PLY and STL files as Assimp provides them. Their Blinn-Phong model does
+ * not conserve energy, so it is replaced by our closest type: a GGX lobe as wide as the highlight, a mirror or glass.
+ * */
 #include "import/parts.h"
 
 #include "base/log.h"

@@ -1,4 +1,4 @@
-/* Models that stand at several places share their meshes. */
+/* Models that are placed several times share their meshes. */
 #include "import/parts.h"
 
 /* The rows of `move` times the matrix that places mesh m, if one does. */

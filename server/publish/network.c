@@ -1,4 +1,4 @@
-/* RTMP, RTSP and SRT, by the protocols of libavformat. */
+/* Publishes over RTMP, RTSP and SRT, with libavformat's protocols. */
 #include "base/mem.h"
 #include "publish/sink.h"
 

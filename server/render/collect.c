@@ -1,4 +1,4 @@
-/* --collect: images of other ranks go to rank 0, which writes them where it alone can. */
+/* --collect: the other ranks send their images to rank 0, which writes them, for hosts without a shared folder. */
 #include "render/render_parts.h"
 
 #include "base/mem.h"

@@ -1,4 +1,4 @@
-/* --exposure auto: one value for the whole sequence, measured before its images.
+/* --exposure auto: measures one value for the whole sequence, before the first image.
  *
  * The measured image is a rough one of the metering frame, whose settings are fixed here: few pixels, few samples,
  * denoised, a seed of its own. So it costs the same for all sizes and sample counts, and the value depends on scene,

@@ -1,4 +1,5 @@
-/* Frames dealt out to the ranks of a job, their statistics joined in the frames' order, and images that are kept. */
+/* Distributes frames among the ranks of a job, joins their statistics in frame order, and keeps existing images
+ * (--resume). */
 #include "render/render_parts.h"
 
 #include "base/mem.h"

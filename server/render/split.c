@@ -1,4 +1,4 @@
-/* Frames that all ranks of a job light together. */
+/* Renders frames that all ranks of a job light together. */
 #include "render/render_parts.h"
 
 /* The next frame, decoded while other ranks light this one. */

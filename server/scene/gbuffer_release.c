@@ -1,4 +1,4 @@
-/* Gives memory of a G-buffer back, page by page, so that the rest stays where it is. */
+/* Releases memory of a G-buffer page by page, so that the rest stays in place. */
 #define _DEFAULT_SOURCE /* madvise: POSIX's own may keep the pages */
 #include "scene/gbuffer.h"
 

@@ -1,5 +1,6 @@
 /* server/tools/relight_bench.c */
-/* Stages of the pipeline, and the whole of it, against their bare limits: server/bench measures, this asks and prints.
+/* Benchmarks the stages of the pipeline, and all of it, against the limits of the machine: flags and output;
+ * server/bench measures.
  */
 #include "bench/bench.h"
 #include "base/log.h"

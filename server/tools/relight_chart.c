@@ -1,5 +1,5 @@
 /* server/tools/relight_chart.c */
-/* Error against time, drawn: the flags of server/chart. */
+/* Charts error against time: the flags; server/chart does the work. */
 #include "chart/chart.h"
 #include "estimators/kernels.h"
 #include "base/log.h"

@@ -1,5 +1,5 @@
 /* server/tools/relight_diff.c */
-/* How far an image is from a reference: means, relative squared error, visible error, and where. */
+/* Compares an image with a reference: means, relative squared error, visible error, and an error map. */
 #include "codec/decode.h"
 #include "compare/error_map.h"
 #include "codec/exr_write.h"

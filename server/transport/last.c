@@ -1,6 +1,6 @@
-/* What the last frame was computed from, and its light in two parts, so that a frame under a sky of which only some has
- * changed computes only what depends on that. A part is taken over only where all of its inputs have the same bits, so
- * that the frame has those of one computed whole. */
+/* Keeps the inputs of the last frame and its light in two parts, so that a frame computes only the light that depends
+ * on changed parts of the sky. A part is reused only if all of its inputs have the same bits, so that the frame has
+ * those of one computed whole. */
 #include "transport/last.h"
 
 #include "base/mem.h"
