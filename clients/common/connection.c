@@ -237,7 +237,7 @@ static void on_pong(struct connection *c, const json_t *pong)
         connection_stop(c);
 }
 
-/* True: the client's too. A fatal one is followed by a close, which tells it. */
+/* True: the client's too. After a fatal one comes a close, which reports it. */
 static bool on_error(struct connection *c, const json_t *error)
 {
     char code[40], message[200];
@@ -341,7 +341,7 @@ static void on_gone(struct connection *c, struct retry_rule rule, const char *te
         connection_fail(c, rule.refused ? CONNECTION_REFUSED : CONNECTION_LOST, "%s", why.text);
         return;
     }
-    if (!c->desc.quiet && strcmp(why.text, c->told.text) != 0) { /* the same trouble is told once */
+    if (!c->desc.quiet && strcmp(why.text, c->told.text) != 0) { /* the same problem is reported once */
         log_warning("%s; trying again%s", why.text, wait_ms >= RETRY_MOST_MS ? " in ten seconds" : "");
         c->told = why;
     }
@@ -356,7 +356,7 @@ static void on_closed(struct connection *c)
     on_gone(c, rule, c->complaint[0] ? c->complaint : rule.name);
 }
 
-/* `said` is what libwebsockets says of it. */
+/* `said` is libwebsockets' reason. */
 static void on_no_connection(struct connection *c, const char *said)
 {
     const int status = c->wsi ? (int)lws_http_client_http_response(c->wsi) : 0;
@@ -368,7 +368,7 @@ static void on_no_connection(struct connection *c, const char *said)
     struct retry_rule rule = retry_after_status(status == 101 ? 400 : status); /* 101: another subprotocol */
     struct reason text;
 
-    if (ssl && trust_explain(ssl, c->desc.ca_file, &text)) /* who was trusted before may be put right again */
+    if (ssl && trust_explain(ssl, c->desc.ca_file, &text)) /* a server that was trusted before may be fixed */
         rule.when = c->welcomed ? RETRY_LATER : RETRY_NEVER;
     else if (ssl && !SSL_is_init_finished(ssl))
         (void)err_say(&text, ERR_OK, "the TLS handshake failed; if this server does not use TLS, connect to ws://%s",
@@ -420,7 +420,7 @@ static void dial(lws_sorted_usec_list_t *retry)
     c->close_code = 0;
     c->complaint[0] = '\0';
     move_to(c, STATE_CONNECTING);
-    if (!lws_client_connect_via_info(&info) && c->state == STATE_CONNECTING) /* else the callback has told it */
+    if (!lws_client_connect_via_info(&info) && c->state == STATE_CONNECTING) /* else the callback has reported it */
         on_no_socket(c);
 }
 

@@ -71,7 +71,7 @@ static void keep_layout(struct parcel *p)
         p->header.layout = layouts[p->image.layout];
 }
 
-/* Of texels: a computed sky is lat-long; a video has the layout asked for, else its own. */
+/* Of texels: a computed sky is lat-long; a video has the requested layout, else its own. */
 static void state_layout(struct parcel *p, const struct parcel_desc *d)
 {
     const struct frame *f = &p->frame;

@@ -319,7 +319,7 @@ static enum err run_moment(struct annual *a, size_t i, struct reason *why)
         find_sunlight(a, m);
         e = annual_order_add(a, i, &row, why);
     }
-    for (; !e && picture; picture = annual_picture_of(a, m)) { /* one moment may be asked for by several times */
+    for (; !e && picture; picture = annual_picture_of(a, m)) { /* several requested times may give the same moment */
         e = annual_picture_write(a, m, why);
         picture->done = !e;
     }

@@ -15,7 +15,7 @@
 #include <unistd.h>
 
 #define PATH_ROOM 4096
-#define LEFT_BEHIND_S 600 /* a .part file that nobody has written to for so long is a killed writer's */
+#define LEFT_BEHIND_S 600 /* an older .part file was left by a killed writer */
 
 enum err cache_folder_find(const char *asked, char *path, size_t size, struct reason *why)
 {

@@ -85,7 +85,7 @@ static enum err read_wide(png_image *image, const char *name, struct image *im, 
     if (!light)
         return err_say(why, ERR_NOMEM, "%s: out of memory for its texels", name);
     image->format = PNG_FORMAT_LINEAR_RGB_ALPHA;
-    image->flags |= PNG_IMAGE_FLAG_16BIT_sRGB; /* unless the file says otherwise */
+    image->flags |= PNG_IMAGE_FLAG_16BIT_sRGB; /* unless the file declares otherwise */
     if (!png_image_finish_read(image, NULL, light, 0, NULL))
         e = err_say(why, ERR_FORMAT, "%s: PNG: %s", name, image->message);
     for (size_t t = 0; t < count && !e; t++)

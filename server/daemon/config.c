@@ -76,8 +76,8 @@ static enum err read_token(const char *path, bool complain, char out[TOKEN_BYTES
     return ERR_OK;
 }
 
-/* Each token that was not said from the file that was; or, where neither was, from what the service manager keeps for
- * us (LoadCredential= of systemd). */
+/* Reads each token that is not set directly from its file, or, if neither is set, from the service manager's
+ * credentials (LoadCredential= of systemd). */
 static enum err take_tokens(struct config_reading *s, struct reason *why)
 {
     const char *folder = getenv("CREDENTIALS_DIRECTORY");
@@ -146,7 +146,7 @@ done:
     return e;
 }
 
-/* Several faults are told one a line in the log, and *why counts them. */
+/* Several faults are logged, one per line, and *why counts them. */
 static enum err try_keys(const struct config *c, struct reason *why)
 {
     struct reason each, first = { "" };
@@ -180,7 +180,7 @@ static enum err take_file(struct config_reading *s, const char *path, struct rea
 
     if (!e)
         e = try_keys(s->config, why);
-    if (e) /* whatever is wrong with it, it is the wrong thing to be told */
+    if (e) /* its own faults are not the ones to report */
         return e == ERR_NOMEM ? e : ERR_USAGE;
     daemon_flags_init(&s->flags);
     s->flags.command.quiet = true; /* the first reading has warned */
@@ -290,7 +290,7 @@ static enum err use_own_certificate(struct config_reading *s, struct daemon_conf
     return e;
 }
 
-/* Flags that have no effect beside the others. */
+/* Warns about flags that have no effect in combination with others. */
 static void report_ignored(struct command *c, const struct daemon_config *d)
 {
     static const struct {

@@ -99,7 +99,7 @@ static bool wants_small_jpeg(const struct server_demand *demand, unsigned scale)
     return scale == 1 ? demand->halves : demand->quarters;
 }
 
-/* Encodes the image at half or a quarter of its size for those who watch it so. */
+/* Encodes the image at half or a quarter of its size for viewers of that size. */
 static void encode_small(struct encode_thread *t, const struct shaded *in, unsigned scale,
                          const struct server_demand *demand, int quality)
 {
@@ -141,7 +141,7 @@ static void encode_exr(struct encode_thread *t, struct shaded *in, enum protocol
     mem_free(bytes);
 }
 
-/* Which pixels changed, for those who subscribe to that. It answers no producer. */
+/* Encodes the change map for its subscribers. It answers no producer. */
 static void encode_changes(struct encode_thread *t, const struct shaded *in)
 {
     const struct png_desc desc = { .samples = in->changes, .width = in->header.width, .height = in->header.height };

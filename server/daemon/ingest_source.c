@@ -132,7 +132,7 @@ static void pause_while_unwatched(struct pull *p)
         p->next_ms += passed * each_ms;
 }
 
-/* No new frame: tells viewers if that is because a live stream is lost. */
+/* No new frame: tells viewers if the reason is a lost live stream. */
 static void report_silence(struct pull *p)
 {
     struct reason state;

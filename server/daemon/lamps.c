@@ -12,7 +12,7 @@
 
 #define PUBLISH_S 0.4       /* at least, between images that only the lamps have changed; */
 #define PUBLISH_GROWTH 1.25 /* each has this many times the samples of the one before */
-#define WAIT_MS 20          /* how often a lockstep image looks whether the part is complete */
+#define WAIT_MS 20          /* how often a lockstep image checks whether the part is complete */
 
 static size_t picture_bytes(const struct shade_thread *t)
 {

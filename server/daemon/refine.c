@@ -125,7 +125,7 @@ static void evaluate(struct shade_thread *t)
     struct still_stats stats;
     struct still_wish wish = t->shared->config.converge;
 
-    wish.error = fmax(wish.error, settings_now(&t->shared->settings).error); /* no better than the user asked for */
+    wish.error = fmax(wish.error, settings_now(&t->shared->settings).error); /* no better than the user requested */
     still_look(r->still, &wish, &stats);
     if (stats.converged ||
         (stats.passes >= FIRST_PASSES && (double)stats.passes >= PUBLISH_GROWTH * (double)r->published_passes &&

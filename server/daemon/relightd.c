@@ -26,7 +26,7 @@
 
 #define OWN_THREADS 6     /* network, ingest, encode, housekeeping, service manager, and one for a camera or a cache */
 #define PUBLISH_THREADS 4 /* of each target: its own, and those of the SRT library */
-#define STOP_S 5          /* from the signal to the end, whatever is under way */
+#define STOP_S 5          /* from the signal to the end, whatever is in progress */
 
 /* Signal handlers can reach nothing else; struct shared points to them. */
 static atomic_bool stop_asked;
@@ -233,7 +233,7 @@ int main(int argc, char **argv)
         ranks_destroy(s->ranks);
     }
     config_readings_finish(&s->readings);
-    if (e && !(d.job.joined && !why.text[0])) /* else another rank says it */
+    if (e && !(d.job.joined && !why.text[0])) /* else another rank reports it */
         log_error("%s", why.text[0] ? why.text : err_text(e));
     else if (!done && rank == 0)
         log_info("stopped");

@@ -31,7 +31,7 @@ static json_t *settings_fields(struct settings s)
     return settings_to_json(settings_table, SETTING_KEPT, &s);
 }
 
-/* What the command line said; the camera is that of the scene where it said none. */
+/* The command line's settings; if it names no camera, the scene's. */
 static json_t *initial_fields(const struct state_file *f)
 {
     struct settings initial = f->config->setup.initial;
@@ -56,7 +56,7 @@ static json_t *view_fields(struct settings_store *settings)
     return all;
 }
 
-/* Views belong to their scene, whatever else the command line says now. */
+/* Views belong to their scene, whatever the command line's other settings are. */
 static enum err take_views(struct state_file *f, json_t *views, struct reason *why)
 {
     const char *name;
@@ -113,7 +113,8 @@ static enum err read_file(const char *path, char **out, struct reason *why)
     return err_say(why, ERR_FORMAT, failed ? "cannot be read" : "is not text of at most %d bytes", STATE_MOST);
 }
 
-/* Applies the settings in the file, or says why not. stale: the command line has changed since they were written. */
+/* Applies the settings in the file, or logs why it does not. stale: the command line has changed since they were
+ * written. */
 static enum err take(struct state_file *f, const char *text, bool *stale, struct reason *why)
 {
     struct server_control c = { .asked = 0 };

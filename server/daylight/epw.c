@@ -19,7 +19,7 @@ struct line {
     int count;
 };
 
-/* A field of a record. From `missing` on a value counts as missing, as the format says. */
+/* A field of a record. A value of `missing` or more counts as missing, as the format defines. */
 struct field {
     int index; /* from 0 */
     const char *name;
@@ -112,7 +112,7 @@ static enum err take_location(const struct line *l, struct epw *out, struct reas
     return e;
 }
 
-/* Lines up to DATA PERIODS, which says how many records an hour has. */
+/* Lines up to DATA PERIODS, which has the number of records per hour. */
 static enum err take_header(char **text, struct line *l, struct epw *out, struct reason *why)
 {
     static const struct field per_hour = { 2, "number of records per hour", 1, 60, INFINITY, false, false };

@@ -171,7 +171,7 @@ static enum err take_packet(struct stream *s, const struct wire_request *q, cons
 static enum err drain(struct stream *s, const struct wire_request *q, struct wire_answer *a)
 {
     if (!s->draining)
-        (void)avcodec_send_packet(s->codec, NULL); /* fails only if it was told before */
+        (void)avcodec_send_packet(s->codec, NULL); /* fails only if it was sent before */
     s->draining = true;
     return next_picture(s, q, a);
 }

@@ -61,7 +61,7 @@ static size_t scheme_length(const char *spec)
     return n > 0 && strncmp(spec + n, "://", 3) == 0 ? n : 0;
 }
 
-/* What can be told of a camera's name without opening it; one that is not there may be plugged in later. */
+/* Checks a camera's name without opening it; one that is not there may be plugged in later. */
 static enum err check_device(const char *spec, struct reason *why)
 {
     struct stat st;
@@ -73,7 +73,7 @@ static enum err check_device(const char *spec, struct reason *why)
     return ERR_OK;
 }
 
-/* What is wrong with a URL whatever the network does. */
+/* Finds faults of a URL that do not depend on the network. */
 static enum err check_url(const char *spec, struct reason *why)
 {
     char name[256];
@@ -215,7 +215,7 @@ static enum err receive(struct demux *d, int64_t until_ms, struct demux_answer *
 
 /* ---- Opening ---- */
 
-/* Makes what an untrusted process says about the stream fit for use. */
+/* Sanitises an untrusted process's description of the stream. */
 static void check_format(struct stream_format *f)
 {
     char text[sizeof(f->note)];

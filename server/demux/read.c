@@ -38,7 +38,7 @@ struct reading {
     int extra_size;
 };
 
-/* ---- What libavformat says ---- */
+/* ---- Messages of libavformat ---- */
 
 /* The first message about something refused or a certificate, else the last error: its return codes say less. One
  * process reads one stream, and libavformat's callback has no context of ours. */
@@ -63,7 +63,7 @@ static void note_complaint(void *context, int level, const char *format, va_list
         return;
     memcpy(complaint, line, sizeof(line));
     refused = barred;
-    untrusted = strstr(line, "certificate") != NULL; /* as libavformat says by GnuTLS and by OpenSSL */
+    untrusted = strstr(line, "certificate") != NULL; /* libavformat's texts with GnuTLS and with OpenSSL */
 }
 
 static enum err say_failed(const struct reading *r, struct demux_answer *a, const char *what, int code)

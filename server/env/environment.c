@@ -102,7 +102,7 @@ void environment_configure(struct environment *e, const struct environment_desc 
     e->max_side = desc->max_side;
 }
 
-/* Layouts take precedence in this order: the user's, the sender's, the file's. The sender's "" says nothing. Neither
+/* Layouts take precedence in this order: the user's, the sender's, the file's. A sender's "" has no meaning. Neither
  * does "auto", except that texels are then not assumed to be lat-long. */
 static enum err take_layout(struct environment *e, const struct frame *f, struct reason *why)
 {

@@ -60,8 +60,8 @@ static void upright(const double t[6], double out[6])
     memcpy(out, own, sizeof(own));
 }
 
-/* Whether the coordinates `own` are affine in those of a surface, other than by being the same: then `by` says how. The
- * frame of a normal map is the mesh's, so that it must not be turned. */
+/* Whether the coordinates `own` are affine in those of a surface, other than by being the same: then `by` is the
+ * transform. The frame of a normal map is the mesh's, so that it must not be turned. */
 static bool is_affine(const struct gltf_surface *surface, const struct gltf_surface *own, bool normal, float out[6])
 {
     double a[6], b[6], by[6];

@@ -19,7 +19,7 @@ struct use {
     enum texture_values values;
     unsigned channels; /* of TEXTURE_LINEAR: those that count, bit 0 for red */
     enum texture_wrap wrap_u, wrap_v;
-    const char *instead; /* what a warning says happens without it */
+    const char *instead; /* what happens without it, for the warning */
 };
 
 /* An image that has been read for a use. */

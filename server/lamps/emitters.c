@@ -327,7 +327,7 @@ bool emitters_sample(const struct emitters *e, struct vec3 from, const double x[
     struct surface s;
 
     mesh_corners_rounded(m, at.triangle, p);
-    /* Any point of the triangle tells the side that `from` is on. */
+    /* Any point of the triangle shows which side `from` is on. */
     rays_surface(e->rays, &at, vec3_sub(from, p[0]), &s);
     out->to = vec3_sub(surface_start(&s, 1.0f), from);
     const double distance = vec3_length(out->to);

@@ -116,7 +116,7 @@ enum err decider_run(struct decider *d, struct relighter *r, const struct enviro
         result =
             d->pilot ? pilot_run(d->pilot, e, &decision->light, &request->target, rgb, stats, measured) : ERR_NOMEM;
     }
-    if (!result && d->cache.begun && !d->cache.ready) /* it is computed beside pictures that do not use it yet */
+    if (!result && d->cache.begun && !d->cache.ready) /* it is computed while images do not use it yet */
         stats->cache_share = d->cache.share;
     return result;
 }

@@ -93,7 +93,7 @@ enum err relight_bounce_make(struct relight_bounce *b, const struct transport *d
     struct reason why;
 
     if (!direct || b->bounce || b->refused || !relight_bounce_wanted(set, desc) ||
-        (keep->share && desc->cache_background)) /* others were not told to compute it */
+        (keep->share && desc->cache_background)) /* the others had no order to compute it */
         return ERR_OK;
     struct bounce_desc d = relight_bounce_describe(set, desc, direct);
     const double start = clock_seconds();

@@ -78,7 +78,7 @@ static void refuse_bounce(struct relight_builder *b, const char *why)
     b->bounce_refused = true;
 }
 
-/* A rough cache in some seconds. Without memory for it eye paths go on. */
+/* A rough cache in some seconds. Without memory for it eye paths continue. */
 static void build_quick_bounce(struct relight_builder *b)
 {
     struct bounce_desc d = relight_bounce_describe(b->set, &b->light, layout_of(b));

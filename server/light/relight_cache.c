@@ -177,7 +177,7 @@ static enum err load_or_make(struct relight_cache *c, const struct set *set, con
     c->no_visibility = desc->direct.no_visibility;
     c->max_bytes = desc->cache_bytes;
     const double start = clock_seconds();
-    t.share = desc->cache_background ? NULL : c->share; /* others cannot compute beside pictures */
+    t.share = desc->cache_background ? NULL : c->share; /* the other processes cannot compute it in the background */
     relight_keep_init(&c->keep, set, kernels, desc, &t);
     enum err e = relight_keep_load(&c->keep, set, kernels, &t, &c->transport, why);
     e = relight_keep_agree(&c->keep, e, c->transport != NULL, &c->loaded, why);

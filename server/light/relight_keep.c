@@ -50,7 +50,7 @@ static enum err open_file(struct relight_keep *k, struct cache_reader **out, str
         return ERR_OK;
     if (k->place.folder[0])
         e = cache_folder_check(k->place.folder, why);
-    k->unwritable |= e != ERR_OK; /* which is said once */
+    k->unwritable |= e != ERR_OK; /* which is logged once */
     return e ? e : cache_reader_open(k->place.path, out, why);
 }
 

@@ -124,7 +124,7 @@ static enum fault_code parse_pace(const json_t *object, struct message *m, struc
         (json_object_get(object, "pace") && take_word(object, "pace", paces, 2, &pace, "4.1.4", fault)))
         return fault->code;
     m->hello.lockstep = pace == 1;
-    if (m->hello.role == SERVER_VIEWER && m->hello.recorder[0]) /* as minor versions 0 and 1 said it */
+    if (m->hello.role == SERVER_VIEWER && m->hello.recorder[0]) /* as in minor versions 0 and 1 */
         m->hello.role = SERVER_RECORDER;
     if (m->hello.role == SERVER_RECORDER && !m->hello.recorder[0])
         return fault_say(fault, FAULT_BAD_FIELD, "4.1.6", "recorder must name the sequence to record");

@@ -132,7 +132,7 @@ static enum err write_movie(struct output *o, const struct image_parts *i, const
 
 static const struct format {
     const char *extension;
-    bool alpha, deep; /* can be asked for */
+    bool alpha, deep; /* can be requested */
     bool exposed;     /* depends on exposure */
     bool movie;       /* all frames in one file */
     enum err (*write)(struct output *o, const struct image_parts *i, const char *name, struct reason *why);

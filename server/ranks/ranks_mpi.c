@@ -25,7 +25,7 @@
 #define STOPPED (UINT64_C(1) << 62) /* added to the counter: more than there are frames */
 #define TAG_SIZE 1
 #define TAG_BYTES 2
-#define TAG_TAKE 3 /* to rank 0: what is to be added to the counter; the answer is what it was before */
+#define TAG_TAKE 3 /* to rank 0: the number to add to the counter; the answer is what it was before */
 #define TAG_PART 4
 #define TAG_POST 5
 #define PIECE (64 << 20) /* bytes of a message; MPI counts by int */
@@ -48,7 +48,7 @@ struct ranks {
     MPI_Request sent;   /* another rank's last answer */
     MPI_Request posted; /* of another rank: its last post, */
     uint8_t *post;      /* and its bytes */
-    int ended;          /* rank 0: ranks whose last post has come */
+    int ended;          /* rank 0: ranks whose last message has arrived */
 };
 
 static void rest(void)
@@ -235,7 +235,7 @@ enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct 
     if (!e)
         e = meet(r, desc, why);
     if (e) {
-        if (r->own != 0) /* rank 0 says it */
+        if (r->own != 0) /* rank 0 reports it */
             why->text[0] = '\0';
         MPI_Finalize();
         release(r);

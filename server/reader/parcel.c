@@ -29,7 +29,7 @@ struct mesh_head {
     uint32_t vertices, triangles, material;
     uint32_t has_normals, has_uvs, has_more_uvs, has_tangents, has_colours; /* 0 or 1 */
     char name[64];
-    uint32_t source; /* as in struct mesh; not 0: the rest says nothing */
+    uint32_t source; /* as in struct mesh; not 0: the rest is undefined */
     uint32_t placed; /* 0 or 1 */
 };
 

@@ -19,7 +19,7 @@
 
 #define SPARE_BYTES ((size_t)16 << 20) /* the stack, and buffers of libraries */
 
-/* The parent is gone or talks nonsense: there is nobody to tell. */
+/* The parent is gone or sent an invalid message: there is nobody to report to. */
 static _Noreturn void give_up(void)
 {
     _exit(1);

@@ -55,7 +55,7 @@ bool render_collect_has(const struct render *r, uint64_t number)
     return r->there_count > 0 && bsearch(&number, r->there, r->there_count, sizeof(number), by_number);
 }
 
-/* The image's number, its radiance and, if asked for, its foreground. */
+/* The image's number, its radiance and, if requested, its foreground. */
 enum err render_collect_post(struct render *r, struct reason *why)
 {
     const size_t rgb = values_of(r) * 3 * sizeof(float), rgba = r->rgba ? values_of(r) * 4 * sizeof(float) : 0;
@@ -109,7 +109,7 @@ enum err render_collect_end(struct render *r, enum err own, struct reason *why)
         const enum err e = ranks_post(r->desc.ranks, NULL, 0);
         return own || !e ? own : err_say(why, e, "out of memory for --collect");
     }
-    if (own) { /* receive in vain, so that nobody waits */
+    if (own) { /* receive and discard, so that no rank waits */
         const enum err e = ranks_collect(r->desc.ranks, true, NULL, NULL);
         (void)e;
         return own;

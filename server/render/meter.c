@@ -109,7 +109,7 @@ static enum err meter_first(struct render *r, struct reason *why)
     return e ? e : render_meter(r, why);
 }
 
-/* --exposure auto comes from the source's first frame, whatever --frames selects; of a source that cannot be read
+/* --exposure auto uses the source's first frame, whichever frames --frames selects; of a source that cannot be read
  * twice, from the first frame that comes. */
 enum err render_expose(struct render *r, struct reason *why)
 {

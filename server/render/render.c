@@ -11,7 +11,7 @@
 #include <math.h>
 #include <string.h>
 
-#define RATE 30.0 /* frames per second of a video file, where neither flag nor source says */
+#define RATE 30.0 /* frames per second of a video file if neither flag nor source sets it */
 
 /* What would fail after the work is found out before it. */
 static enum err open_outputs(struct render *r, struct reason *why)
@@ -186,7 +186,7 @@ static enum err print_probe(struct render *r, struct reason *why)
     return prober_print(r->prober, r->environment, &r->decision.light, q, r->rgb, r->lamps ? &lamps : NULL, why);
 }
 
-/* One frame that was read: refused frames are reported and passed over, the sequence goes on. */
+/* Renders one frame that was read: refused frames are reported and skipped, and the sequence continues. */
 static enum err render_frame(struct render *r, struct reason *why)
 {
     struct relight_stats stats;

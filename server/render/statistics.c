@@ -38,7 +38,7 @@ static json_t *picture_stats(const struct render *r, const struct relight_stats 
                      "cut_rays", g->cut_weight, "bytes", (json_int_t)g->bytes);
 }
 
-/* What an audit says of the frame's relMSE; nulls: it is not known. */
+/* The audit's estimate of the frame's relMSE; nulls: it is not known. */
 static json_t *error_stats(const struct relight_stats *s)
 {
     return json_pack("{s:o, s:o, s:i, s:I, s:f}", "estimate", s->error > 0.0 ? json_real(s->error) : json_null(),

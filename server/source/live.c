@@ -14,7 +14,7 @@
 #define RETRY_MOST_MS 10000
 #define DRIFT 1e-4               /* by how much a sender's clock may be slower than ours */
 #define CLOCKS_APART_US 60000000 /* a sender's clock further from ours is wrong */
-#define PICTURELESS_MS 5000      /* then the state says that there is no picture */
+#define PICTURELESS_MS 5000      /* then the state reports that there is no frame */
 
 struct live {
     struct footage_desc desc;
@@ -54,8 +54,8 @@ static void set_state(struct live *l, bool connected, const char *text)
     pthread_mutex_unlock(&l->lock);
 }
 
-/* When the packet of that time stamp would have come with the least delay seen: the one that came fastest shows it
- * best. The estimate may rise slowly, because clocks differ. */
+/* The time at which the packet of that time stamp would have arrived with the least delay seen: the fastest packet
+ * gives the best estimate. The estimate may rise slowly, because clocks differ. */
 static int64_t arrival_of(struct live *l, int64_t stamp, int64_t now)
 {
     const int64_t risen = l->delay_us + (int64_t)(DRIFT * (double)(now - l->delay_at_us));

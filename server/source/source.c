@@ -394,7 +394,7 @@ enum err source_next(struct source *s, struct frame *f, struct reason *why)
     return ERR_END;
 }
 
-/* Pictures within the range: counted in a pass, else by what the container says. */
+/* Frames within the range: counted in a pass, else from the container. */
 static uint64_t video_count(const struct source *s)
 {
     const struct stream_format *f = footage_format(s->footage);

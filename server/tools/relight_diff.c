@@ -237,7 +237,7 @@ static int exceeded(const struct diff *d)
     return count;
 }
 
-/* Everything that the command line alone can get wrong, before any file is touched. */
+/* Checks everything on the command line before any file is opened. */
 static enum err read_options(const struct command *c, struct diff *d, struct reason *why)
 {
     if (c->operand_count != 2)

@@ -23,8 +23,8 @@ struct render {
     double fps;                        /* 0: no time is set */
     int bits;                          /* of PNG: 8 or 16 */
     int weights;                       /* enum luminance_weights */
-    struct components_desc components; /* out.text NULL: they are not asked for */
-    struct annual_desc annual;         /* folder NULL: it is not asked for */
+    struct components_desc components; /* out.text NULL: not requested */
+    struct annual_desc annual;         /* folder NULL: not requested */
     struct probe_request probe;        /* about a pixel, */
     bool probing;                      /* where one is asked */
     struct relight_whole whole;        /* of METHOD_COMPONENTS */
@@ -255,7 +255,7 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
                       : err_say(why, ERR_USAGE, "--out is missing: name the images, such as --out DIR/image.%%04d.exr");
 }
 
-/* Flags of files in a format that lacks what they set, and of what was not asked for. */
+/* Warns about flags that the file format does not support, or that belong to an output that was not requested. */
 static void report_ignored(struct command *c, const struct render *r)
 {
     struct setup setup = r->desc.setup;

@@ -228,7 +228,7 @@ uint32_t transport_cut(const struct transport *t, uint32_t packet)
                                                                    : t->gbuffer->packet_count;
 }
 
-/* A part of a frame, for those who ask which blocks it has. */
+/* A part of a frame, for functions that query its blocks. */
 struct wanted {
     const struct transport *transport;
     const struct transport_frame *frame;

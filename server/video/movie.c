@@ -248,7 +248,7 @@ void movie_destroy(struct movie *m)
 
     if (!m)
         return;
-    if (mux_close(m->mux, false, &ignored)) /* says nothing where no end is written */
+    if (mux_close(m->mux, false, &ignored)) /* meaningless if no end is written */
         m->mux = NULL;
     file_draft_discard(&m->draft);
     ffmpeg()->avcodec_free_context(&m->encoder);
