@@ -77,7 +77,8 @@ enum err chart_read_budgets(const char *list, uint32_t *out, uint32_t room, uint
         out[(*count)++] = (uint32_t)v;
         at = end;
     }
-    return *count >= 2 ? ERR_OK : err_say(why, ERR_USAGE, "--budgets '%s': at least two numbers make a line", list);
+    return *count >= 2 ? ERR_OK
+                       : err_say(why, ERR_USAGE, "--budgets '%s': at least two numbers are needed for a line", list);
 }
 
 static size_t count_items(const char *list)

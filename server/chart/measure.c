@@ -154,8 +154,7 @@ static enum err find_truth(struct runs *r, struct reason *why)
 static void leave_out(const struct runs *r, struct panel_curve *c)
 {
     if (r->desc->set->facts.casters == 0 && c->technique->light.caustics == PLAN_LIGHT)
-        snprintf(c->left_out.text, sizeof(c->left_out.text),
-                 "the scene has no mirror and no glass, and so no caustics");
+        snprintf(c->left_out.text, sizeof(c->left_out.text), "the scene has no mirror or glass, hence no caustics");
 }
 
 /* Sets the times of auto, and runs its first frames, in which it learns. */

@@ -117,7 +117,7 @@ static void add_choice(struct text *t, const struct page *p, enum light_class li
     add_answer(t, p, r, count, everywhere);
     text_add(t, "<details><summary>All of them, by their worst case</summary><div class=\"wide\"><table><tr>"
                 "<th>method</th><th class=\"left\">takes</th><th>best, or<br>nearly</th><th>error over the "
-                "best,<br>typical</th>"
+                "best's,<br>typical</th>"
                 "<th>at<br>worst</th><th class=\"left\">where</th></tr>");
     for (size_t k = 0; k < count; k++)
         add_ranking(t, p, &r[k], longest);
@@ -162,15 +162,14 @@ static void add_machine(struct text *t, const struct page *p)
     const struct panel *q = p->panels[0];
     char value[256];
 
-    text_add(t, "<h2 id=\"made\">How it was made</h2><dl>");
+    text_add(t, "<h2 id=\"made\">How it was measured</h2><dl>");
     add_row(t, "machine", m->cpu);
     snprintf(value, sizeof(value), "%d of %d processors, kernels of level %s", m->threads, m->processors, m->level);
     add_row(t, "threads", value);
     snprintf(value, sizeof(value), "%ux%u", q->width, q->height);
     add_row(t, "images", value);
     snprintf(value, sizeof(value),
-             "%u seeds a point; the runs of all methods take turns; one run of each before that "
-             "does not count",
+             "%u seeds per point; the runs of all methods alternate, after one run of each that is not counted",
              q->seeds);
     add_row(t, "repeated", value);
     add_row(t, "date", m->date);
@@ -181,7 +180,7 @@ static void add_machine(struct text *t, const struct page *p)
     add_row(t, "took", value);
     text_add(t,
              "</dl><p>The truth is two references made from different random numbers. An error is the mean of (x - "
-             "a)(x - b) in proportion to brightness, so that the noise of the references cancels; no pixel that sees a "
+             "a)(x - b) relative to brightness, so that the noise of the references cancels; no pixel that sees a "
              "surface is left out. It holds the whole pixel, while all methods but <code>path</code> and its like "
              "light one point of a plain pixel: the bias that is left to them at many samples is that. A method that "
              "finds the sun once in many images looks dark and biased in most of "
@@ -210,7 +209,7 @@ enum err page_write(const struct page *p, struct text *t, struct reason *why)
         add_title(t, p->panels[k]);
         text_add(t, ": %s</a>", light_class_title(p->panels[k]->light_class));
     }
-    text_add(t, "<a href=\"#made\">how it was made</a></nav>");
+    text_add(t, "<a href=\"#made\">how it was measured</a></nav>");
     for (size_t k = 0; k < p->count; k++) {
         text_add_bytes(t, p->sections[k].bytes, p->sections[k].size);
         t->failed |= p->sections[k].failed;

@@ -30,7 +30,7 @@ static enum err run_gnuplot(const char *option, const char *argument, struct rea
         if (errno != EINTR)
             return err_say(why, ERR_IO, "gnuplot: %s", strerror(errno));
     if (WIFEXITED(status) && WEXITSTATUS(status) == 127)
-        return err_say(why, ERR_UNSUPPORTED, "gnuplot is not there: it draws the charts (Debian: gnuplot-nox)");
+        return err_say(why, ERR_UNSUPPORTED, "gnuplot is not installed: it draws the charts (Debian: gnuplot-nox)");
     if (!WIFEXITED(status) || WEXITSTATUS(status) != 0)
         return err_say(why, ERR_IO, "gnuplot failed on %s", argument);
     return ERR_OK;
@@ -258,7 +258,7 @@ enum err plot_inline(struct text *t, const char *svg, const char *prefix, const 
     if (file.failed)
         e = err_say(why, ERR_NOMEM, "%s: no memory to read it", svg);
     else if (!begin || !strstr(begin, "</svg>"))
-        e = err_say(why, ERR_FORMAT, "%s: is no SVG image: gnuplot has not finished it", svg);
+        e = err_say(why, ERR_FORMAT, "%s: is not a complete SVG image: gnuplot has not finished it", svg);
     else
         add_svg(t, begin, prefix, label);
     text_finish(&file);

@@ -184,7 +184,7 @@ static enum err make_parts(struct maker *m, int half, struct truth_sum *sum, str
         if (e == ERR_IO || e == ERR_NOMEM)
             return err_say(why, e, "%s", fault.text);
         if (e)
-            log_warning("%s; it is made again", fault.text);
+            log_warning("%s; computing it again", fault.text);
         e = ERR_OK;
     }
     out->found[half] = sum->parts * TRUTH_PART;

@@ -52,7 +52,7 @@ page.feed(text)
 page.close()
 assert not page.open, page.open
 words = " ".join(page.words)
-for wanted in ("Which to choose", "Worst case", "Winners", "commit", "threads", "how it was made"):
+for wanted in ("Which to choose", "Worst case", "Winners", "commit", "threads", "how it was measured"):
     assert wanted in words, wanted
 for link in re.findall(r'href="#([^"]*)"', text):
     assert link in page.ids, link
@@ -126,7 +126,7 @@ assert len(a) == 8 and a == b, (a, b)
 PY
     head -c 100 /dev/zero >"$(cut -c 67- "$work/before" | head -n 1)"
     chart "$work/c" --techniques faces --sources 'sky:hour=12,size=64x32'
-    grep -q 'it is made again' "$work/log" || fail "damage is not reported"
+    grep -q 'computing it again' "$work/log" || fail "damage is not reported"
     find "$work/cache" -name '*.truth' -exec sha256sum {} + | sort >"$work/after"
     cmp "$work/before" "$work/after" || fail "the reference is not the same again"
 }
