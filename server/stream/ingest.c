@@ -312,6 +312,17 @@ static struct pushed *to_take(struct ingest *g)
     return g->lockstep.full ? &g->lockstep : g->live.full ? &g->live : NULL;
 }
 
+struct timespec ingest_later(struct timespec t, int ms)
+{
+    t.tv_sec += ms / 1000;
+    t.tv_nsec += ms % 1000 * 1000000L;
+    if (t.tv_nsec >= 1000000000L) {
+        t.tv_sec++;
+        t.tv_nsec -= 1000000000L;
+    }
+    return t;
+}
+
 /* {lock} Waits for a frame and moves it into *out. */
 static bool wait_frame(struct server *s, struct pushed *out, int timeout_ms)
 {
@@ -319,12 +330,7 @@ static bool wait_frame(struct server *s, struct pushed *out, int timeout_ms)
     struct timespec until;
 
     clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_sec += timeout_ms / 1000;
-    until.tv_nsec += timeout_ms % 1000 * 1000000L;
-    if (until.tv_nsec >= 1000000000L) {
-        until.tv_sec++;
-        until.tv_nsec -= 1000000000L;
-    }
+    until = ingest_later(until, timeout_ms);
     struct pushed *from = to_take(g);
     while (!from && pthread_cond_timedwait(&g->arrived, &s->lock, &until) == 0)
         from = to_take(g);

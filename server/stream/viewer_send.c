@@ -136,11 +136,7 @@ static void begin_picture(struct viewer *v)
         atomic_fetch_add(&v->server->counts.skipped, skipped);
         atomic_fetch_add(rate > 0.0 ? &v->server->metrics.skipped_rate : &v->server->metrics.skipped_slow, skipped);
     }
-    if (rate > 0.0) {
-        /* A delay below one interval is made up for, so that the average rate holds. */
-        const int64_t interval = (int64_t)(1e6 / rate), now = viewer_now_us();
-        v->due_us = (v->due_us > now - interval ? v->due_us : now) + interval;
-    }
+    v->due_us = viewer_due(v->due_us, viewer_now_us(), rate);
     v->begun = header->sequence;
     v->chained = true;
     v->repeated = picture_placed_us(p) < v->since_us;
@@ -148,6 +144,14 @@ static void begin_picture(struct viewer *v)
     v->unacked[v->unacked_count++].placed_us = picture_placed_us(p);
     v->current = p;
     v->offset = 0;
+}
+
+int64_t viewer_due(int64_t due_us, int64_t now_us, double rate)
+{
+    if (!(rate > 0.0))
+        return due_us;
+    const int64_t interval = (int64_t)(1e6 / rate);
+    return (due_us > now_us - interval ? due_us : now_us) + interval;
 }
 
 static int send_fragment(struct viewer *v)

@@ -1,5 +1,7 @@
 /* PROTOCOL.md section 5: which pictures a viewer gets, and when. */
 #include "stream/client.h"
+#include "stream/ingest.h"
+#include "stream/internal.h"
 
 static void a_picture_arrives_bit_for_bit(void **state)
 {
@@ -401,6 +403,38 @@ static void all_are_told_when_the_server_goes(void **state)
     }
 }
 
+/* Every two seconds at a rate of a half; half a second late the next comes half a second earlier; after a pause there
+ * is nothing to make up for. */
+static void a_rate_says_when_the_next_picture_is_due(void **state)
+{
+    (void)state;
+
+    assert_int_equal(viewer_due(0, 10000000, 0.5), 12000000);
+    assert_int_equal(viewer_due(12000000, 12000000, 0.5), 14000000);
+    assert_int_equal(viewer_due(12000000, 12500000, 0.5), 14000000);
+    assert_int_equal(viewer_due(12000000, 14000000, 0.5), 16000000);
+    assert_int_equal(viewer_due(12000000, 13999999, 0.5), 14000000);
+    assert_int_equal(viewer_due(7, 12000000, 0.0), 7); /* any rate */
+    assert_int_equal(viewer_due(0, 1000000, 100.0), 1010000);
+}
+
+static void milliseconds_are_added_to_a_time(void **state)
+{
+    static const struct {
+        int ms;
+        long sec, nsec;
+    } cases[] = {
+        { 0, 5, 700000000 }, { 299, 5, 999000000 }, { 300, 6, 0 }, { 1000, 6, 700000000 }, { 12345, 18, 45000000 }
+    };
+    (void)state;
+
+    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
+        const struct timespec t = ingest_later((struct timespec){ .tv_sec = 5, .tv_nsec = 700000000 }, cases[k].ms);
+        assert_int_equal(t.tv_sec, cases[k].sec);
+        assert_int_equal(t.tv_nsec, cases[k].nsec);
+    }
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_picture_arrives_bit_for_bit),
     cmocka_unit_test(who_comes_late_gets_the_last_picture_at_once),
@@ -416,5 +450,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(status_carries_what_it_was_given),
     cmocka_unit_test(a_new_state_is_told_without_waiting_for_the_next_turn),
     cmocka_unit_test(all_are_told_when_the_server_goes),
+    cmocka_unit_test(a_rate_says_when_the_next_picture_is_due),
+    cmocka_unit_test(milliseconds_are_added_to_a_time),
 };
 UNIT_MAIN(tests)
