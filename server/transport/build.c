@@ -6,6 +6,7 @@
 #include "cache/memory.h"
 #include "base/progress.h"
 #include "base/rng.h"
+#include "transport/live.h"
 #include "transport/parts.h"
 
 #include <math.h>
@@ -178,7 +179,7 @@ static bool is_too_large(const struct build *b)
     if (!cache_memory_suffices(most, t->stats.bytes + b->bytes))
         return true;
     return b->to && !cache_memory_suffices(most, transport_live_bytes(b->to)) &&
-           (double)t->stats.bytes * t->block_count / b->done > (double)most;
+           transport_will_exceed(most, t->stats.bytes, b->done, t->block_count);
 }
 
 /* Counts a batch and decides whether to continue. Batches do not depend on the number of threads, so the limit is

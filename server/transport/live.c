@@ -103,8 +103,8 @@ static void wait_for_room(struct transport_live *live)
     const uint64_t most = live->desc.max_bytes;
 
     pthread_mutex_lock(&live->lock);
-    while (live->waiting > 0 && !live->cancelled && !cache_memory_suffices(most, live->base + live->held) &&
-           cache_memory_suffices(most, live->base + live->newest))
+    while (live->waiting > 0 && !live->cancelled &&
+           transport_live_waits(most, live->base + live->held, live->base + live->newest))
         pthread_cond_wait(&live->freed, &live->lock);
     pthread_mutex_unlock(&live->lock);
 }

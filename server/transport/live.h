@@ -8,6 +8,7 @@
 #ifndef TRANSPORT_LIVE_H
 #define TRANSPORT_LIVE_H
 
+#include "cache/memory.h"
 #include "transport/transport.h"
 
 struct transport_live;
@@ -62,5 +63,18 @@ void transport_live_settle(struct transport_live *live);
  * light that comes from the finished cache, 0 to 1; changed[k] tells whether its version has changed since the last
  * call. Entries of packets outside all blocks stay unchanged. */
 void transport_live_versions(struct transport *t, float *final, bool *changed);
+
+/* Whether a builder that may use `most` bytes waits for frames: more are held, but frames will free enough. newest:
+ * what is held without what has been replaced. */
+static inline bool transport_live_waits(uint64_t most, uint64_t held, uint64_t newest)
+{
+    return !cache_memory_suffices(most, held) && cache_memory_suffices(most, newest);
+}
+
+/* Whether all blocks would take more than `most` bytes if each takes as many as those done. */
+static inline bool transport_will_exceed(uint64_t most, uint64_t bytes, uint32_t done, uint32_t all)
+{
+    return (double)bytes * all / done > (double)most;
+}
 
 #endif

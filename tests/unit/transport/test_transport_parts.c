@@ -3,6 +3,7 @@
 #include "cache/cache_share.h"
 #include "estimators/points.h"
 #include "support/skies.h"
+#include "transport/live.h"
 #include "transport/parts.h"
 #include "transport/transports.h"
 
@@ -214,6 +215,19 @@ static void the_suns_share_is_that_of_all_light(void **state)
     points_free(&g);
 }
 
+static void a_builder_waits_for_what_will_be_freed(void **state)
+{
+    (void)state;
+
+    assert_false(transport_live_waits(100, 100, 90)); /* there is room */
+    assert_true(transport_live_waits(100, 101, 90));
+    assert_true(transport_live_waits(100, 101, 100));
+    assert_false(transport_live_waits(100, 102, 101));   /* no waiting will help */
+    assert_false(transport_will_exceed(100, 30, 3, 10)); /* just enough */
+    assert_true(transport_will_exceed(99, 30, 3, 10));
+    assert_true(transport_will_exceed(100, 31, 3, 10));
+}
+
 /* ---- Processes ---- */
 
 /* Of 16 blocks of four packets, of which the second has narrow lobes: who computes packets 8 to 15 needs the blocks
@@ -248,6 +262,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_piece_with_a_number_that_is_none_is_not_sound),
     cmocka_unit_test(a_block_is_counted_with_its_pieces),
     cmocka_unit_test(the_suns_share_is_that_of_all_light),
+    cmocka_unit_test(a_builder_waits_for_what_will_be_freed),
     cmocka_unit_test(a_process_keeps_what_its_packets_need),
 };
 UNIT_MAIN(tests)
