@@ -35,7 +35,7 @@ import time
 from pathlib import Path
 
 import mutants
-from programs import Claim, Programs, run
+from programs import Claim, Fault, Programs, run
 
 ROOT = Path(__file__).resolve().parents[2]
 WORK = ROOT / "build/mutate"
@@ -130,10 +130,12 @@ class Suite:
         return path.stem == name or path.stem.startswith(name + "_") or name.startswith(path.stem + "_")
 
     def usable(self, claim):
-        """Whether it passes on the sources as they are."""
+        """Whether it passes on the sources as they are, in a folder like those of faults."""
         with self.lock:
             if claim.name not in self.sound:
-                self.sound[claim.name] = claim.passes(BUILD)
+                same = Fault(self.programs, None, WORK / f"worker{os.getpid()}.same")
+                self.sound[claim.name] = same.link(claim.program) and claim.passes(same.folder)
+                shutil.rmtree(same.folder, ignore_errors=True)
                 if not self.sound[claim.name]:
                     print(f"not used, since it fails without a fault: {claim.name}", flush=True)
             return self.sound[claim.name]

@@ -34,9 +34,11 @@ class Claim:
     def passes(self, folder):
         """Whether the program of that name in `folder` passes it."""
         limit = int(max(AT_LEAST, 10.0 * self.cost))
+        environment = {**os.environ, **self.environment}
+        environment.pop("RELIGHT_LONG", None)  # few seeds notice as much
         try:
-            done = subprocess.run([str(folder / self.program), *self.command[1:]], cwd=self.folder, env={**os.environ, **self.environment},
-                                  check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
+            done = subprocess.run([str(folder / self.program), *self.command[1:]], cwd=self.folder, env=environment, check=False,
+                                  stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
                                   preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5)),
                                   timeout=WALL * limit).returncode
         except subprocess.TimeoutExpired:
@@ -97,9 +99,7 @@ class Programs:
         if not wanted:
             raise ValueError(f"{path} is in none of {sorted(needed)}")
         f = Fault(self, path, folder)
-        shutil.rmtree(folder, ignore_errors=True)
         (folder / path).parent.mkdir(parents=True)
-        (folder / "bin").mkdir()
         (folder / path).write_text(text, encoding="utf-8")
         for o in sorted(wanted):
             if not f.compile(o):
@@ -108,8 +108,13 @@ class Programs:
 
 
 class Fault:
+    """Programs in a folder of their own; none differs until something is compiled."""
+
     def __init__(self, programs, path, folder):
         self.programs, self.path, self.folder, self.objects = programs, path, folder, {}
+        shutil.rmtree(folder, ignore_errors=True)
+        (folder / "bin").mkdir(parents=True)
+        (folder / "share").symlink_to(programs.build / "share")  # the page, which programs find beside their folder
 
     def compile(self, o):
         source, words = self.programs.compilers[o]
@@ -136,7 +141,7 @@ class Fault:
                 return False
         changed = {o: str(to) for o, to in self.objects.items() if o in objects}
         if not changed:
-            (self.folder / program).symlink_to(self.programs.build / program)
+            os.link(self.programs.build / program, self.folder / program)  # it finds what it starts beside it
             return True
         own = [changed.get(w, str(self.folder / program) if w == program else w) for w in words]
         at = own.index("-o")

@@ -118,6 +118,7 @@ def a_fault_is_in_a_program_of_its_own():
             fault = small.with_fault(name, before, after)
             assert fault.link("bin/test") and subprocess.run([fault.folder / "bin/test"], check=False).returncode == want, (name, after)
             assert subprocess.run([small.build / "bin/test"], check=False).returncode == 0
+            assert (fault.folder / "bin/../share").resolve() == small.build / "share"  # where programs look for it
         assert small.with_fault("server/room/room.c", "x + x", "x + y") is None
 
 
