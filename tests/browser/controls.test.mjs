@@ -60,7 +60,7 @@ const inForce = (witness, wanted) => witness.until(
   (want) => Object.entries(want).every(([key, value]) => window.said.control[key] === value), wanted);
 
 async function withAll(args, body, { hash = '', ...options } = {}) {
-  const server = await startServer(RELIGHTD, ['--port', '0', '--size', '96x54', '--samples', '4', '--fps', '10', '--threads', '1', '--allow-bias', '0', ...args]);
+  const server = await startServer(RELIGHTD, ['--port', '0', '--size', '96x54', '--samples', '4', '--fps', '10', '--threads', '1', '--allow-bias', '0', '--paths', 'direct', ...args]);
   const page = await openPage(chromium.browser, server.url + hash, options);
   const witness = await openWitness(server.url);
   try {
@@ -181,7 +181,7 @@ test('files play, pause, step and can be scrubbed', () =>
   }));
 
 test('keys do the same, on a computed sky by the hour', () =>
-  withAll(['--camera', 'gallery', ...SKY], async (page, witness) => {
+  withAll(['--camera', 'gallery', '--paths', 'all', ...SKY], async (page, witness) => {
     const press = (key) => page.keyboard.press(key);
     await press('Space');
     await inForce(witness, { paused: true });

@@ -262,7 +262,7 @@ test('on a phone a tap chooses, and nothing is wider than the window', () => wit
 }, { options: { width: 390, height: 844 } }));
 
 test('a followed pixel is plotted as the sky moves, and its samples move too', async () => {
-  const moving = await startServer(`${BIN}/relightd`, ['--port', '0', '--source', 'sky:size=256x128,hour=7,speed=600', '--rate', '8', ...WAY]);
+  const moving = await startServer(`${BIN}/relightd`, ['--port', '0', '--source', 'sky:size=256x128,hour=7,speed=600', '--rate', '8', ...WAY, '--samples', '4']);
   try {
     await withPage(async (page) => {
       await untilState(page, 'live');

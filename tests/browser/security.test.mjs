@@ -22,7 +22,7 @@ const friend = await startSite();
 const stranger = await startSite();
 
 const server = await startServer(RELIGHT_RELIGHTD,
-  ['--port', '0', '--size', '160x90', '--samples', '4', '--source', 'sky:size=256x128,speed=0.5', '--embed-from', friend]);
+  ['--port', '0', '--size', '96x54', '--samples', '4', '--fps', '10', '--source', 'sky:size=128x64,speed=0.5', '--embed-from', friend]);
 after(() => server.stop());
 
 // A page with `page.violations`: the window's events, and the browser's messages for everything else.
@@ -147,7 +147,7 @@ test('a browser shows snapshots and the stream, but to no other site', async () 
   for (const path of ['snapshot.jpg', 'snapshot.png?width=80', 'stream.mjpeg']) {
     await page.goto(server.url + path, { waitUntil: 'commit' });
     await page.waitForFunction(() => document.images[0]?.naturalWidth > 0, null, { timeout: 30000 });
-    assert.equal(await page.evaluate(() => document.images[0].naturalWidth), path.includes('80') ? 80 : 160);
+    assert.equal(await page.evaluate(() => document.images[0].naturalWidth), path.includes('80') ? 80 : 96);
   }
   await page.goto(`${stranger}/?show=${encodeURIComponent(`${server.url}snapshot.jpg`)}`);
   await page.waitForFunction(() => document.images[0].complete, null, { timeout: 30000 });
@@ -156,7 +156,7 @@ test('a browser shows snapshots and the stream, but to no other site', async () 
 });
 
 test('a server with tokens asks for one, which lasts as long as the tab', async () => {
-  const guarded = await startServer(RELIGHT_RELIGHTD, ['--port', '0', '--size', '160x90', '--samples', '4', '--method', 'mis',
+  const guarded = await startServer(RELIGHT_RELIGHTD, ['--port', '0', '--size', '96x54', '--samples', '4', '--fps', '10', '--method', 'mis',
     '--source', 'sky:size=128x64,speed=0.5', '--token-viewer', 'look', '--token-controller', 'steer']);
   const type = async (page, token) => {
     await page.fill('#token', token);

@@ -219,7 +219,7 @@ for (const coding of ['h264', 'jpeg']) {
       return;
     }
     const server = await startServer(chromium.RELIGHT_RELIGHTD,
-      ['--port', '0', '--size', '320x180', '--samples', '4', '--source', 'sky:size=256x128,speed=0.5', '--reseed', '--h264-mbit', '2']);
+      ['--port', '0', '--size', '320x180', '--samples', '1', '--paths', 'direct', '--source', 'sky:size=128x64,speed=0.5', '--reseed', '--h264-mbit', '2']);
     const page = await chromium.browser.newPage({ viewport: { width: 500, height: 400 } });
     try {
       const arrived = []; // received messages, as the browser reports them

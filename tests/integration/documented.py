@@ -58,6 +58,8 @@ if name == "relight-render":
             extra += [flag, few[flag]]
     if "cached" in given and "--paths" not in given:  # most of its time is indirect light's
         extra += ["--paths", "direct"]
+    if "--probe" in given and "--edge-rays" not in given:  # its picture keeps the size, for the pixel's sake
+        extra += ["--edge-rays", "1"]
 if name == "relight-chart":
     extra += ["--size", "16x9", "--seeds", "4", "--reference", "4", "--techniques", "mis", "--sources", "sky:"]
     extra += [] if "--budgets" in given else ["--budgets", "1,2"]

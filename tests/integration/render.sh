@@ -403,7 +403,7 @@ a_cached_sequence_is_near_a_sampled_one() {
     local method n
     for method in 'cached --samples 64' 'mis --sun --samples 1024'; do
         # shellcheck disable=SC2086
-        "$bin/relight-render" --method $method --source 'sky:time=12:00,speed=60' --frames 0-1 --size 96x54 \
+        "$bin/relight-render" --method $method --source 'sky:time=12:00,speed=60' --frames 0-1 --size "$(count 64x36 96x54)" \
             --paths direct --out "$work/${method%% *}.%d.exr" --stats "$work/${method%% *}.json" 2>"$work/stderr"
     done
     for n in 0 1; do
@@ -464,13 +464,13 @@ a_cache_survives_kills_and_company() {
         cmp "$work/want.exr" "$work/$k.exr" || fail "other bits after $k"
         [ "$(grep -c warning "$work/log")" = 0 ] || fail "$(cat "$work/log")"
     done
-    for k in 1 2 3; do
+    for k in $(seq "$(count 2 3)"); do
         "${box[@]}" --cache-dir "$work/three" --out "$work/three.$k.exr" &
     done
     wait
     "${box[@]}" --cache-dir "$work/three" --out "$work/three.4.exr" 2>"$work/log"
     grep -q 'loaded in' "$work/log" || fail "$(cat "$work/log")"
-    for k in 1 2 3 4; do
+    for k in $(seq "$(count 2 3)") 4; do
         cmp "$work/want.exr" "$work/three.$k.exr" || fail "other bits"
     done
 }
@@ -491,7 +491,7 @@ every_cpu_level_gives_the_same_picture() {
         for level in baseline v3 v4; do
             code=0
             # shellcheck disable=SC2086
-            "$bin/relight-render" --cpu $level $options --paths direct --size 49x29 --source sky:size=256x128 \
+            "$bin/relight-render" --cpu $level $options --paths direct --size "$(count 33x19 49x29)" --source sky:size=256x128 \
                 --out "$work/$level.exr" 2>"$work/stderr" || code=$?
             if [ "$code" = 2 ] && [ "$level" != baseline ] && grep -q 'not supported by this CPU' "$work/stderr"; then
                 continue

@@ -140,7 +140,7 @@ static void no_stage_of_a_frame_takes_memory_after_the_tenth(void **state)
         { .direct = { .method = METHOD_CACHED, .samples = 8 } },
     };
     static const char *const stages[] = { "decoding", "tables", "light", "exposure, tone curve and JPEG" };
-    const struct set_desc desc = { .width = 96, .height = 64, .interleave = 2 };
+    const struct set_desc desc = { .width = 64, .height = 40, .interleave = 2 };
     struct reason why = { "" };
     struct bench b = { .desc = NULL };
     struct set *set = NULL;

@@ -97,10 +97,11 @@ static void phong_albedo_is_that_of_quadrature_at_every_exponent(void **state)
         check(&(struct lobe){ LOBE_PHONG, 0.3, 0.7, exponents[i] });
 }
 
+/* In each commit at four of the ten, both ends among them. */
 static void ggx_albedo_is_that_of_quadrature_at_every_roughness(void **state)
 {
     (void)state;
-    for (int i = 0; i < 10; i++) {
+    for (int i = 0; i < 10; i += (int)seeds_count(3, 1)) {
         static const double roughness[] = { 0.035, 0.06, 0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.85, 1.0 };
         check(&(struct lobe){ LOBE_GGX, 0.8, 0.04, roughness[i] * roughness[i] });
         check(&(struct lobe){ LOBE_GGX, 0.0, 0.95, roughness[i] * roughness[i] });
@@ -174,7 +175,7 @@ static void further_reflections_saturate_the_colour(void **state)
 }
 
 /* Light sampling never draws from the lobes: where it agrees with them, sampling, density and evaluation fit together.
- */
+ * Seen are differences of 1e-4. */
 static void lobes_and_light_sampling_agree(void **state)
 {
     static const struct lobe lobes[] = {
@@ -185,8 +186,8 @@ static void lobes_and_light_sampling_agree(void **state)
     (void)state;
     for (int i = 0; i < 3; i++) {
         const double by_lobes = rendered(&lobes[i], 0.6, METHOD_BRDF, 1 << 14, 4);
-        const double by_light = rendered(&lobes[i], 0.6, METHOD_FACES, 1 << 15, 16);
-        const double by_both = rendered(&lobes[i], 0.6, METHOD_MIS, 1 << 14, 8);
+        const double by_light = rendered(&lobes[i], 0.6, METHOD_FACES, 1 << 15, seeds_count(4, 16));
+        const double by_both = rendered(&lobes[i], 0.6, METHOD_MIS, 1 << 14, seeds_count(4, 8));
         printf("%.5f %.5f %.5f\n", by_lobes, by_light, by_both);
         assert_true(fabs(by_light / by_lobes - 1.0) < 3e-3);
         assert_true(fabs(by_both / by_lobes - 1.0) < 2e-3);

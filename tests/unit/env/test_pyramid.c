@@ -37,6 +37,8 @@ static void constant_sky_is_constant_at_all_widths(void **state)
     (void)state;
     for (size_t s = 0; s < sizeof(skies) / sizeof(skies[0]); s++)
         for (size_t i = 0; i < sizeof(sizes) / sizeof(sizes[0]); i++) {
+            if (skies[s].width > 400 && i % seeds_count(3, 1)) /* each commit tries two sizes of cube for large maps */
+                continue;
             struct environment *e = sky_environment_of(sky_constant(skies[s].width, skies[s].height, 3.0f),
                                                        skies[s].layout, sizes[i], 17.0);
             for (uint32_t k = 0; k < 300; k++)

@@ -176,7 +176,8 @@ static void a_slab_of_glass_dims_the_sun_as_fresnel_says(void **state)
 
 /* The inside of a sphere with its cap cut off at 45 degrees, of radius 1: from any place each square metre of the wall
  * is seen under the same form factor 1 / (4 pi), so that interreflected irradiance is the same everywhere. With Phi
- * what comes in through the opening, rho the albedo and A the wall: E = rho Phi / (4 pi - rho A). */
+ * what comes in through the opening, rho the albedo and A the wall: E = rho Phi / (4 pi - rho A). The picture's
+ * standard error is at most 0.23 %, in each commit, by half of the particles, 0.33 %. */
 static double into_opening(const double w[3], const void *user)
 {
     (void)user;
@@ -199,10 +200,10 @@ static void an_open_sphere_fills_with_interreflected_light(void **state)
         const double flux = sky_integral(e, into_opening, NULL);
         const double want = albedos[k] / PI * albedos[k] * flux / (4.0 * PI - albedos[k] * wall);
         const struct light_tracer_desc d = { .classes = PATH_INDIRECT, .particles = 1 << 16 };
-        const struct tally whole = stage_trace(&g, e, d, 40, pixels);
-        compare("sphere", &whole, want, 2e-3);
+        const struct tally whole = stage_trace(&g, e, d, seeds_count(20, 40), pixels);
+        compare("sphere", &whole, want, 2.3e-3 * seeds_blur(20, 40));
         for (int i = 0; i < 16; i++)
-            compare("  pixel", &pixels[i], want, 3e-2);
+            compare("  pixel", &pixels[i], want, 3e-2 * seeds_blur(20, 40));
         stage_free(&g);
         environment_destroy(e);
     }

@@ -413,12 +413,13 @@ static void curved_mirrors_and_glass_widen_as_neighbouring_rays_part(void **stat
 
 static void widths_are_finite_and_positive(void **state)
 {
+    enum { SIDE = 48 };
     const struct camera eye = { "eye", { 0.2f, 0.1f, 2.5f }, { 0, 0, 0 }, { 0, 1, 0 }, 1.0f };
 
     (void)state;
     for (int kind = 0; kind < 2; kind++)
         for (uint32_t rays = 1; rays <= 4; rays += 3) {
-            const struct gbuffer_desc d = { .camera = &eye, .width = 80, .height = 80, .edge_rays = rays };
+            const struct gbuffer_desc d = { .camera = &eye, .width = SIDE, .height = SIDE, .edge_rays = rays };
             struct scene *s = scene_create();
             struct gbuffer *g = NULL;
             add_ball(s, add_material(s, kind ? MATERIAL_GLASS : MATERIAL_MIRROR, vec3_make(1, 1, 1), 1.5f), 1.0f, 16);
@@ -427,8 +428,8 @@ static void widths_are_finite_and_positive(void **state)
                     (const float[3]){ 2, 0.1f, 2 });
             struct rays *r = rays_create_for(s, cpu_best());
             assert_int_equal(gbuffer_create(s, r, &d, &g, NULL), ERR_OK);
-            assert_true(g->escape_first[80 * 80] > 80 * 80);
-            for (uint32_t k = 0; k < g->escape_first[80 * 80]; k++)
+            assert_true(g->escape_first[SIDE * SIDE] > SIDE * SIDE);
+            for (uint32_t k = 0; k < g->escape_first[SIDE * SIDE]; k++)
                 assert_true(g->escapes[k].width > 0.0f && g->escapes[k].width < 2.0f * (float)PI);
             gbuffer_destroy(g);
             rays_destroy(r);
