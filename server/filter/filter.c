@@ -230,22 +230,6 @@ static void run_layer(const struct filter *f, const struct layer *l, uint32_t st
     }
 }
 
-/* The points of the rest from i on that are in the same pixel as the first of them. */
-static void run_together(const struct filter *f, const struct filter_picture *p, size_t i)
-{
-    const uint32_t pixel = f->rest_pixel[i];
-
-    while (i < f->rest.count && f->rest_pixel[i] == pixel) {
-        uint32_t count = 1;
-        while (count < FILTER_COUNT_MAX && i + count < f->rest.count && f->rest_pixel[i + count] == pixel)
-            count++;
-        struct filter_points at = points_at(&f->rest, i, count, pixel % p->width, pixel / p->width);
-        at.together = true;
-        f->kernel->level(p, &at, 1);
-        i += count;
-    }
-}
-
 /* Points in no layer take filtered light from the pixels around them, whose noise was that of `first`. */
 static void run_rest(struct filter *f)
 {
@@ -255,10 +239,14 @@ static void run_rest(struct filter *f)
 #pragma omp parallel
     {
         const unsigned before = denormals_flush();
-#pragma omp for schedule(dynamic, 256)
-        for (size_t i = 0; i < f->rest.count; i++)
-            if (i == 0 || f->rest_pixel[i] != f->rest_pixel[i - 1])
-                run_together(f, &p, i);
+#pragma omp for schedule(dynamic, 4)
+        for (size_t i = 0; i < f->rest.count; i += FILTER_COUNT_MAX) {
+            const size_t left = f->rest.count - i;
+            struct filter_points at =
+                points_at(&f->rest, i, left < FILTER_COUNT_MAX ? (uint32_t)left : FILTER_COUNT_MAX, 0, 0);
+            at.pixel = f->rest_pixel + i;
+            f->kernel->level(&p, &at, 1);
+        }
         denormals_restore(before);
     }
 }

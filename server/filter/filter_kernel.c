@@ -16,6 +16,11 @@
 /* Sums over the neighbours: light and variance, planes as LIGHT_, and the weights of both halves. */
 enum { SUM_WEIGHT = LIGHT_PLANES, SUMS = LIGHT_PLANES + 2 };
 
+/* Where the pixels of such points are. */
+struct places {
+    uint32_t x[FILTER_COUNT_MAX], y[FILTER_COUNT_MAX];
+};
+
 /* What the inner loops read and write, copied together: planes at constant distances leave registers for the sums. */
 struct tile {
     _Alignas(ALIGN) float own[PLANES][FILTER_COUNT_MAX]; /* the points; for their width, 1 / s */
@@ -50,7 +55,7 @@ static bool put_near(struct tile *t, const struct filter_picture *p, const struc
                      uint32_t beside)
 {
     const int64_t y = (int64_t)at->y + dy, x = (int64_t)at->x - beside;
-    const uint32_t wide = (at->together ? 1 : at->count) + 2 * beside;
+    const uint32_t wide = at->count + 2 * beside;
 
     if (y < 0 || y >= (int64_t)p->height)
         return false;
@@ -66,6 +71,24 @@ static bool put_near(struct tile *t, const struct filter_picture *p, const struc
             t->near[k][i] = none;
     }
     return true;
+}
+
+/* The neighbours at a distance of dx, dy from each point's pixel. */
+static void put_near_each(struct tile *t, const struct filter_picture *p, const struct places *at, int dx, int dy)
+{
+    uint32_t from[FILTER_COUNT_MAX];
+
+    for (uint32_t i = 0; i < t->count; i++) {
+        const uint32_t x = at->x[i] + (uint32_t)dx, y = at->y[i] + (uint32_t)dy;
+        from[i] = x < p->width && y < p->height ? y * (uint32_t)p->pitch + x : UINT32_MAX;
+    }
+    for (int k = 0; k < PLANES; k++) {
+        const float *plane = k < LIGHT ? p->surface[k] : p->light[k - LIGHT];
+        for (uint32_t i = 0; i < t->count; i++)
+            t->near[k][i] = plane[from[i] == UINT32_MAX ? 0 : from[i]];
+    }
+    for (uint32_t i = 0; i < t->count; i++)
+        t->near[SURFACE_KIND][i] = from[i] == UINT32_MAX ? NO_NEIGHBOUR : t->near[SURFACE_KIND][i];
 }
 
 static inline float positive(float x)
@@ -108,12 +131,12 @@ static inline float alike(const struct tile *t, size_t i, size_t k, int h, float
     return w * w;
 }
 
-/* Adds the neighbour of each point that begins at index `from` of the row: one each, or the same one for all. */
-static inline void add_tap(struct tile *t, size_t from, size_t stride, float h)
+/* Adds a neighbour of each point, from index `from` of the row on. */
+static inline void add_tap(struct tile *t, size_t from, float h)
 {
 #pragma omp simd
     for (size_t i = 0; i < t->count; i++) {
-        const size_t k = from + stride * i;
+        const size_t k = from + i;
         const float v = t->near[LIGHT + LIGHT_VARIANCE][k];
         const float g = h * likeness(t, i, k);
         const float per_noise = 1.0f / (UNLIKE * (t->own[LIGHT + LIGHT_VARIANCE][i] + v) + 1e-30f);
@@ -143,16 +166,23 @@ static void level(const struct filter_picture *p, const struct filter_points *at
 {
     static const float spline[2 * FILTER_RADIUS + 1] = { 1.0f / 16, 4.0f / 16, 6.0f / 16, 4.0f / 16, 1.0f / 16 };
     struct tile t;
+    struct places own;
 
     put_own(&t, at, PLANES, PLANE_WIDTHS * (float)step);
+    for (uint32_t i = 0; i < t.count && at->pixel; i++) {
+        const uint32_t pixel = at->pixel[i < at->count ? i : 0];
+        own.x[i] = pixel % p->width;
+        own.y[i] = pixel / p->width;
+    }
     for (int dy = 0; dy <= 2 * FILTER_RADIUS; dy++) {
-        if (!put_near(&t, p, at, PLANES, (dy - FILTER_RADIUS) * (int)step, FILTER_RADIUS * step))
+        const int down = (dy - FILTER_RADIUS) * (int)step;
+        if (!at->pixel && !put_near(&t, p, at, PLANES, down, FILTER_RADIUS * step))
             continue;
-        for (uint32_t dx = 0; dx <= 2 * FILTER_RADIUS; dx++)
-            if (at->together)
-                add_tap(&t, dx * step, 0, spline[dx] * spline[dy]);
-            else
-                add_tap(&t, dx * step, 1, spline[dx] * spline[dy]);
+        for (int dx = 0; dx <= 2 * FILTER_RADIUS; dx++) {
+            if (at->pixel)
+                put_near_each(&t, p, &own, (dx - FILTER_RADIUS) * (int)step, down);
+            add_tap(&t, at->pixel ? 0 : (size_t)dx * step, spline[dx] * spline[dy]);
+        }
     }
     for (int c = 0; c < 6; c++)
         put_out(at, c, t.sum[c], t.sum[SUM_WEIGHT + c / 3], t.own[LIGHT + c]);

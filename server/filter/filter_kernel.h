@@ -38,13 +38,13 @@ struct filter_picture {
     size_t pitch;
 };
 
-/* Points to filter: in `count` adjacent pixels of row y, beginning at column x, or all in the pixel there. */
+/* Points to filter: in `count` adjacent pixels of row y, beginning at column x, or each in a pixel of its own. */
 struct filter_points {
     const float *surface[SURFACE_PLANES]; /* [count] */
     const float *light[LIGHT_PLANES];
     float *out[LIGHT_PLANES]; /* [count], written */
     uint32_t x, y, count;     /* count at most FILTER_COUNT_MAX */
-    bool together;            /* all in pixel x, y */
+    const uint32_t *pixel;    /* [count]: y * width + x; NULL: adjacent ones */
 };
 
 #define FILTER_COUNT_MAX 64 /* of filter_points */

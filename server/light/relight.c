@@ -20,6 +20,7 @@
 #include <string.h>
 
 #define BESIDE_SAMPLES 4 /* of direct light in either half, beside a cache that is being computed */
+#define HALF_LEAST 8     /* of direct light alone without a history: with fewer, the filter loses at equal time */
 
 struct relighter *relighter_create(const struct set *set, const struct kernels *kernels)
 {
@@ -292,7 +293,10 @@ static enum err correct(struct relighter *r, const struct environment *e, const 
 /* Counts of one of two halves. */
 static void halve(struct picture_passes *p)
 {
-    p->direct.samples = (p->direct.samples + 1) / 2;
+    const bool alone = p->direct.samples > 0 && !p->history && p->eye[0].paths == 0;
+    const uint32_t least = alone ? HALF_LEAST : 0, half = (p->direct.samples + 1) / 2;
+
+    p->direct.samples = half > least ? half : least;
     for (int k = 0; k < 2; k++)
         p->eye[k].paths = (p->eye[k].paths + 1) / 2;
 }
@@ -423,11 +427,8 @@ static struct denoiser *denoiser_of(struct relighter *r)
 
 enum err relighter_denoiser(struct relighter *r, const struct relight_desc *desc, struct denoiser **out)
 {
-    *out = NULL;
-    if (!desc->denoise)
-        return ERR_OK;
-    *out = denoiser_of(r);
-    return *out ? ERR_OK : ERR_NOMEM;
+    *out = desc->denoise ? denoiser_of(r) : NULL;
+    return *out || !desc->denoise ? ERR_OK : ERR_NOMEM;
 }
 
 /* While the cache is rough or missing; afterwards the history is freed. */

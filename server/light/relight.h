@@ -96,7 +96,8 @@ struct relight_desc {
     const char *cache_file; /* file to store it for the next run; "": in the folder (cache/cache_place.h), NULL: none */
     const char *cache_dir;  /* the cache folder; NULL: the user's or the service's (cache/cache_folder.h) */
     bool denoise;           /* filter the light at shade points (denoise.h): each half gets half the samples and paths,
-                               but at least one. Not for references */
+                               but at least one path, and eight samples of direct light alone without `remember`. Not
+                               for references */
     bool remember;          /* live pictures: samples of earlier pictures count, too (history.h). With `denoise`, before
                                a cache exists; then until the cache is complete. Caustics (beside.h) keep this
                                afterwards, except with a ground */

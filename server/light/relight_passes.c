@@ -121,6 +121,7 @@ void passes_half(const struct picture_passes *p, int k, struct picture_passes *o
     *out = *p;
     out->direct.pass = 2 * p->direct.pass + (uint64_t)k;
     out->direct.scatter = true;
+    out->direct.keep = p->direct.keep || k > 0;
     for (int i = 0; i < 2; i++) {
         out->eye[i].pass = 2 * p->eye[i].pass + (uint64_t)k;
         out->eye[i].seed = rng_mix(p->eye[i].seed, (uint64_t)k);

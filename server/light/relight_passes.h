@@ -78,8 +78,7 @@ MUST_CHECK enum err relighter_run_passes(struct relighter *r, const struct envir
                                          const struct picture_passes *passes, float *rgb, struct relight_stats *stats,
                                          struct pass_costs *costs);
 
-/* The passes for half k of a denoised picture, 0 or 1, with random numbers of its own. The counts in *p are per half.
- */
+/* The passes for half k of a denoised picture, 0 and then 1 by the same tables. The counts in *p are per half. */
 void passes_half(const struct picture_passes *p, int k, struct picture_passes *out);
 
 /* Steps of struct progress_part in the passes: light samples of packets, and work of about the same duration. */

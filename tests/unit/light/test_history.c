@@ -336,7 +336,33 @@ static void a_history_ends_with_the_finished_cache(void **state)
     stage_finish(&s);
 }
 
+/* BRDF samples of each shade point, half of all, in a denoised picture of two samples. */
+static uint64_t lobes_of_two(uint32_t classes, bool remember)
+{
+    struct stage s = stage_make(&(struct set_desc){ .width = 32, .height = 18 }, sky_with_sun(64, 32, 2e3f));
+    const struct relight_desc light = { .direct = { .method = METHOD_AUTO, .samples = 2, .seed = 5 },
+                                        .classes = classes,
+                                        .denoise = true,
+                                        .remember = remember };
+    struct relight_stats stats;
+
+    assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
+    const uint64_t lobes = stats.direct.lobes / s.set->gbuffer->point_count;
+    stage_finish(&s);
+    return lobes;
+}
+
+/* Whose two halves have at least eight samples; other light costs more, and live pictures add up. */
+static void few_samples_of_direct_light_alone_are_not_halved(void **state)
+{
+    (void)state;
+    assert_int_equal(lobes_of_two(PATH_BACKGROUND | PATH_DIRECT, false), 2 * 4);
+    assert_int_equal(lobes_of_two(PATH_BACKGROUND | PATH_DIRECT, true), 2 * 1);
+    assert_int_equal(lobes_of_two(PATH_ALL, false), 2 * 1);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(few_samples_of_direct_light_alone_are_not_halved),
     cmocka_unit_test(light_without_a_cache_glides),
     cmocka_unit_test(noise_becomes_the_plain_mean),
     cmocka_unit_test(the_cache_predicts_what_the_sky_changes),
