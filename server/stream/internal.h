@@ -316,6 +316,9 @@ void viewer_close(struct viewer *v, uint16_t code, const char *text); /* closes 
 void viewer_send_error(struct viewer *v, const struct fault *fault);  /* sends the error, and closes if it is fatal */
 /* The viewer's next picture, not begun yet, as a new reference; NULL: none. */
 struct picture *viewer_next_picture(struct viewer *v);
+/* Counts a message. Whether it is one too many: a token bucket of STREAM_BURST messages, refilled at STREAM_RATE per
+ * second. */
+bool viewer_too_fast(struct viewer *v, int64_t now_us);
 /* When a viewer's next picture is due after one at now_us that was due at due_us, at so many a second, 0 for any. A
  * delay below one interval is made up for, so that the average rate holds. */
 int64_t viewer_due(int64_t due_us, int64_t now_us, double rate);

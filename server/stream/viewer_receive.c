@@ -163,13 +163,10 @@ static void take_end(struct viewer *v)
         recorder_send_end(v->sequence->recorder);
 }
 
-/* Rate limit: a token bucket of STREAM_BURST messages, refilled at STREAM_RATE per second. */
-static bool too_fast(struct viewer *v)
+bool viewer_too_fast(struct viewer *v, int64_t now_us)
 {
-    const int64_t now = viewer_now_us();
-
-    v->tokens += (double)(now - v->tokens_us) * 1e-6 * STREAM_RATE;
-    v->tokens_us = now;
+    v->tokens += (double)(now_us - v->tokens_us) * 1e-6 * STREAM_RATE;
+    v->tokens_us = now_us;
     if (v->tokens > STREAM_BURST)
         v->tokens = STREAM_BURST;
     if (v->tokens < 1.0)
@@ -218,7 +215,7 @@ static void take_text(struct viewer *v)
     struct message m;
     struct fault fault = { .clause = "" };
 
-    if (too_fast(v)) {
+    if (viewer_too_fast(v, viewer_now_us())) {
         atomic_fetch_add(&v->server->counts.too_fast, 1);
         fault_say(&fault, FAULT_TOO_FAST, "2.5", "more than %g messages a second", STREAM_RATE);
     } else {

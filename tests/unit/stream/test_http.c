@@ -317,10 +317,18 @@ static void a_folder_without_a_page_is_refused_by_name(void **state)
 
     assert_int_equal(server_create(&desc, &s, &why), ERR_IO);
     assert_non_null(strstr(why.text, "/nonexistent"));
+    assert_int_equal(server_check(&desc, &why), ERR_IO);
     assert_non_null(mkdtemp(dir));
     desc.web_dir = dir;
     assert_int_equal(server_create(&desc, &s, &why), ERR_IO);
     assert_non_null(strstr(why.text, "index.html"));
+    snprintf(why.text, sizeof(why.text), "none");
+    assert_int_equal(server_check(&desc, &why), ERR_IO);
+    assert_non_null(strstr(why.text, "index.html"));
+    desc.web_dir = NULL;
+    assert_int_equal(server_check(&desc, &why), ERR_OK);
+    desc.address = "0.0.0.0"; /* without a token */
+    assert_int_equal(server_check(&desc, &why), ERR_USAGE);
     assert_int_equal(rmdir(dir), 0);
 }
 

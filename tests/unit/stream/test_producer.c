@@ -388,10 +388,10 @@ static void a_frame_that_must_not_be_decoded_is_refused_and_the_connection_stays
     assert_false(server_take_frame(s, &f, &t, 20));
     frame_send(&c, 5);
     take(s, &f, &t, 5);
-    server_frame_fate(s, &t, SERVER_REFUSED, "its sun is square");
+    server_frame_fate(s, &t, SERVER_REFUSED, "100 % of its sun is square");
     json_t *m = client_await(&c, "frame");
     assert_non_null(m);
-    assert_string_equal(json_string_value(json_object_get(m, "message")), "its sun is square");
+    assert_string_equal(json_string_value(json_object_get(m, "message")), "100 % of its sun is square");
     json_decref(m);
     COUNTER_BECOMES(s, frames_refused, 5);
     client_shut(&c);

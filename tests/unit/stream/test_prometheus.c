@@ -1,5 +1,6 @@
 /* /metrics, /healthz and /readyz: what they count is what happened, and who may ask. */
 #include "stream/client.h"
+#include "stream/internal.h"
 
 #include <pthread.h>
 #include <semaphore.h>
@@ -185,6 +186,24 @@ static void figures_and_times_appear_as_they_were_said(void **state)
     server_destroy(s);
 }
 
+/* Longer than any piece of work here, so that nothing replaces them meanwhile. */
+static void the_networks_times_are_in_seconds(void **state)
+{
+    (void)state;
+    struct server *s = server_start(NULL);
+
+    atomic_store(&s->metrics.loop_most_us, 7500000000);
+    atomic_store(&s->metrics.loop_late_us, 8500000000);
+    char *text = get(s, "/metrics", "", 200);
+    assert_non_null(text);
+    assert_non_null(strstr(text, "# HELP relightd_loop_max_seconds Longest single task of the network thread.\n"
+                                 "# TYPE relightd_loop_max_seconds gauge\nrelightd_loop_max_seconds 7500\n"));
+    assert_non_null(strstr(text, "# TYPE relightd_sent_bytes_total counter\n"));
+    assert_non_null(strstr(text, "\nrelightd_loop_tick_delay_max_seconds 8500\n"));
+    free(text);
+    server_destroy(s);
+}
+
 static void metrics_ask_for_their_token(void **state)
 {
     (void)state;
@@ -320,6 +339,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(what_a_slow_viewer_skips_is_counted_as_such),
     cmocka_unit_test(targets_of_publishing_have_labels_and_counts),
     cmocka_unit_test(figures_and_times_appear_as_they_were_said),
+    cmocka_unit_test(the_networks_times_are_in_seconds),
     cmocka_unit_test(metrics_ask_for_their_token),
     cmocka_unit_test(metrics_for_the_world_ask_for_the_viewers_token),
     cmocka_unit_test(ready_when_the_scene_and_a_picture_are_there),

@@ -418,6 +418,26 @@ static void a_rate_says_when_the_next_picture_is_due(void **state)
     assert_int_equal(viewer_due(0, 1000000, 100.0), 1010000);
 }
 
+/* As many at once as the bucket holds; then one for each part of a second, and after a long pause no more than at
+ * first. */
+static void messages_beyond_the_rate_are_too_fast(void **state)
+{
+    struct viewer v = { .tokens = STREAM_BURST, .tokens_us = 5000000 };
+    int64_t now = 5000000;
+    (void)state;
+
+    for (int turn = 0; turn < 2; turn++, now += 1000000000) {
+        for (int i = 0; i < (int)STREAM_BURST; i++)
+            assert_false(viewer_too_fast(&v, now));
+        assert_true(viewer_too_fast(&v, now));
+        now += (int64_t)(1e6 / STREAM_RATE) - 1000;
+        assert_true(viewer_too_fast(&v, now));
+        now += 1001;
+        assert_false(viewer_too_fast(&v, now));
+        assert_true(viewer_too_fast(&v, now));
+    }
+}
+
 static void milliseconds_are_added_to_a_time(void **state)
 {
     static const struct {
@@ -452,5 +472,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(all_are_told_when_the_server_goes),
     cmocka_unit_test(a_rate_says_when_the_next_picture_is_due),
     cmocka_unit_test(milliseconds_are_added_to_a_time),
+    cmocka_unit_test(messages_beyond_the_rate_are_too_fast),
 };
 UNIT_MAIN(tests)
