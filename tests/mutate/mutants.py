@@ -16,7 +16,7 @@ OPERATORS = {"<": ["<="], "<=": ["<"], ">": [">="], ">=": [">"], "==": ["!="], "
 NAMES = {a + s: b + s for s in ("", "f") for x, y in (("fmin", "fmax"), ("sin", "cos"), ("floor", "ceil")) for a, b in ((x, y), (y, x))}
 SILENT = re.compile(r"assert|_Static_assert|__attribute__|_Alignas|sizeof|offsetof")  # what is within is no computation
 UNSEEN = re.compile(r".*(destroy|finish|free|close|unlock|lock|log_\w+)$")  # dropping the call leaks or is silent
-EITHER_WAY = re.compile(r"f?(min|max)f?|fminf?|fmaxf?|hypotf?|memcmp|strcmp|mem_alloc\w*|_mm\d*_(add|mul|min|max|and|or|cmpeq)\w*")  # of arguments
+EITHER_WAY = re.compile(r"f?(min|max)f?|fminf?|fmaxf?|hypotf?|memcmp|strn?(case)?cmp|log_debug|mem_alloc\w*|_mm\d*_(add|mul|min|max|and|or|cmpeq)\w*")  # of arguments, or is for developers alone
 WORDS = set("if for while switch return sizeof else do case goto break continue".split())
 CAST = re.compile(r"\((?:u?int\w*|size_t|double|float|unsigned|const \w+)\)")
 ENDS = {",", ";", ")", "]", "}", "?", ":", "&&", "||", "<", ">", "<=", ">=", "==", "!=", "=", "<<", ">>", "&", "|", "^"}

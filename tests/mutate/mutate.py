@@ -48,7 +48,7 @@ SOURCES = {"protocol": ["protocol/*.c", "server/message/message_*.c", "server/st
            "decoders": ["server/codec/**/*.[ch]", "server/decoder/*.[ch]"],
            "light": ["server/light/*.[ch]", "server/resolve/*.[ch]"]}
 TESTS = {"protocol": ["message", "stream"], "decoders": ["codec", "decoder"], "light": ["light", "resolve"]}
-SECONDS = {"estimators": 60.0, "transport": 60.0, "light": 60.0, "bounce": 60.0}  # of tests for each fault, where they take long; else 20
+SECONDS = {"estimators": 60.0, "transport": 60.0, "light": 60.0, "bounce": 60.0, "stream": 60.0}  # of tests for each fault, where they take long; else 20
 
 
 def copy_tree():
