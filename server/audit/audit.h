@@ -13,7 +13,7 @@
  * error.
  *
  * The estimates tell of t, not of d: under the same sky they are kept, and judge the next pictures too. One thread of
- * control. All random numbers follow from the seed, the key and the number of rounds under this key. */
+ * control. All random numbers follow from the seed, the key and the number of rounds since audit_forget. */
 #ifndef AUDIT_AUDIT_H
 #define AUDIT_AUDIT_H
 
@@ -42,6 +42,9 @@ struct audit_desc {
         *half[2]; /* float[height][width][3]: two independent pictures of which d is a filtered mean; NULL: none */
     const uint8_t *mask; /* [height][width]: 0 where d has no error; NULL: nowhere */
     uint64_t key;        /* of the truth: skies, and classes of light, with the same key have the same */
+    double like_last;    /* 0..1: how much answers to the last picture, of another truth, tell of this one's error */
+    bool bounds;         /* state upper bounds only */
+    double uneven; /* the variance of errors over draws, relative to their mean's square, that a bound allows for */
     uint64_t seed;
     uint64_t rays;             /* no round begins after so many of this picture */
     const atomic_bool *cancel; /* may be NULL */
@@ -51,13 +54,14 @@ struct audit_result {
     double error, deviation; /* relMSE, and its standard error; both 0: no pixel was drawn */
     double states;           /* the error as stated; 0: not known to AUDIT_DOUBT */
     double at_most;          /* if it is not known, but bounded: error plus two standard errors; else 0 */
-    uint32_t pixels, paths;  /* judged; paths of each estimate of the last round */
+    bool older;              /* answers to pictures before this one count */
+    uint32_t pixels, paths;  /* judged, older ones by their weight; paths of each estimate of the last round */
     uint64_t rays;           /* traced for this picture */
 };
 
 /* The largest standard error of a stated one, relative to it. Rounds end at AUDIT_ENOUGH. */
-#define AUDIT_DOUBT 0.15
-#define AUDIT_ENOUGH 0.12
+#define AUDIT_DOUBT 0.12
+#define AUDIT_ENOUGH 0.10
 
 struct audit;
 

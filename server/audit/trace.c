@@ -73,7 +73,7 @@ static void trace_path(const struct audit_world *w, const struct audit_question 
                        uint64_t *rays)
 {
     const struct gbuffer *g = w->gbuffer;
-    const struct path_world paths = { w->scene, w->rays, w->view, w->environment, NULL };
+    const struct path_world paths = { w->scene, w->rays, w->view, w->environment, w->bare_ground };
     struct sequence s = { { numbered }, w->numbers, q->seed, rng_mix(q->seed, path), path };
     double p;
 

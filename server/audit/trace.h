@@ -21,15 +21,16 @@ struct audit_numbers {
 void audit_numbers_fill(struct audit_numbers *n);
 
 struct audit_world {
-    const struct scene *scene; /* without a ground */
+    const struct scene *scene;
     const struct rays *rays;
-    const struct gbuffer *gbuffer; /* with all packets and pixels */
+    const struct gbuffer *gbuffer; /* with all pixels; and packets, unless `whole` */
     const struct view *view;
     const struct environment *environment; /* complete */
     const struct audit_numbers *numbers;   /* filled */
     uint32_t classes, behind;              /* PATH_* at points seen directly, and seen in mirrors and through glass */
     bool background;                       /* the picture has the sky */
     bool whole; /* the picture is a reference's (light/reference.h), of `classes`: paths begin in the pixel */
+    const double *bare_ground; /* of path_world; NULL: the scene has no ground. Only with `whole` */
 };
 
 /* audit_desc.trace; self: a struct audit_world. */

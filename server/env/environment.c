@@ -6,6 +6,7 @@
 #include "base/mem.h"
 #include "env/pyramid.h"
 #include "env/resample.h"
+#include "base/rng.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -492,4 +493,16 @@ uint32_t environment_evaluate(const struct environment *e, const float w[3], flo
     rgb[2] = t->b;
     *pdf = e->energy[face] > 0.0 ? t->density * cube_jacobian(u, v) / (float)e->energy[face] : 0.0f;
     return face;
+}
+
+uint64_t environment_digest(const struct environment *e)
+{
+    uint64_t out = rng_mix(e->n, 0);
+
+    for (int f = 0; f < CUBE_FACES; f++) {
+        uint64_t bits;
+        memcpy(&bits, &e->energy[f], sizeof(bits));
+        out = rng_mix(out, bits);
+    }
+    return out;
 }

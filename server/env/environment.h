@@ -149,4 +149,7 @@ void environment_lookup_wide(const struct environment *e, struct vec3 w, float w
  * on a black face. Returns the face. */
 uint32_t environment_evaluate(const struct environment *e, const float w[3], float rgb[3], float *pdf);
 
+/* Skies with the same light on each of six faces are taken for the same one. */
+uint64_t environment_digest(const struct environment *e);
+
 #endif

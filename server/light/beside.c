@@ -3,7 +3,6 @@
 #include "resolve/backplate.h"
 #include "base/cancel.h"
 #include "base/mem.h"
-#include "light/facts.h"
 #include "light/relight_plan.h"
 #include "base/rng.h"
 
@@ -85,7 +84,7 @@ bool beside_wanted(const struct set *set, const struct relight_desc *desc)
 
 static void begin(struct beside *b, uint64_t key, const struct environment *e, enum relight_glide glide)
 {
-    const uint64_t sky = facts_sky_digest(e);
+    const uint64_t sky = environment_digest(e);
 
     history_begin(b->history, key);
     if (glide == GLIDE_BEGIN)

@@ -1,9 +1,5 @@
 #include "light/facts.h"
 
-#include "base/rng.h"
-
-#include <string.h>
-
 /* The reflectance of a point under a white sky: its diffuse part, plus its lobe at normal incidence. */
 static double albedo_of(const struct shade_packet *p, uint32_t lane)
 {
@@ -40,16 +36,4 @@ double facts_peakedness(const struct environment *e)
         square += l * l * angle;
     }
     return mean > 0.0 ? 4.0 * PI * square / (mean * mean) : 0.0;
-}
-
-uint64_t facts_sky_digest(const struct environment *e)
-{
-    uint64_t out = rng_mix(e->n, 0);
-
-    for (int f = 0; f < CUBE_FACES; f++) {
-        uint64_t bits;
-        memcpy(&bits, &e->energy[f], sizeof(bits));
-        out = rng_mix(out, bits);
-    }
-    return out;
 }

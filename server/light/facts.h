@@ -16,7 +16,4 @@ void facts_of_set(const struct scene *scene, const struct gbuffer *g, struct pla
  * 1 measures the extra variance of directions sampled without importance sampling of the sky. 0 under a black sky. */
 double facts_peakedness(const struct environment *e);
 
-/* Skies with the same light on each of six faces are taken for the same one. */
-uint64_t facts_sky_digest(const struct environment *e);
-
 #endif

@@ -105,8 +105,8 @@ struct relight_desc {
     struct progress *progress;         /* a progress line that the picture advances by one step; may be NULL. Not for
                                           references */
     const struct relight_whole *whole; /* METHOD_COMPONENTS; NULL: there is none */
-    double audit;    /* rays spent on stating the picture's error, over its own, and 20000 more. 0: it states none */
-    bool audit_live; /* without the 20000: pictures save their rays up, and their audits under one sky are kept */
+    double audit;    /* rays spent on stating the picture's error, over its own, and those of audit/purse.h. 0: none */
+    bool audit_live; /* pictures save their rays up, and an audit tells of later ones too */
     bool afresh;     /* METHOD_CACHED: compute all light, even what the last picture had */
     bool unsplit;    /* METHOD_CACHED: do not split the sky, so that its bright part is not traced */
     /* PLAN_STORED, with the same memory limit: the number of stored paths (0: 64 per pixel). Every turn redraws one of
@@ -138,7 +138,7 @@ struct relight_stats {           /* of one picture */
     struct bounce_stats bounce; /* if the cache includes interreflection, */
     bool bounce_loaded;         /* and whether from a file */
     double error;               /* relMSE against the truth, by an audit (audit/audit.h); 0: unknown */
-    double error_at_most; /* where it is unknown: an upper bound, two standard errors above the estimate; 0: none */
+    double error_at_most;       /* where it is unknown: an upper bound (section 19 of mathematics.md); 0: none */
     struct {
         uint32_t pixels;
         uint64_t rays; /* for this picture */

@@ -92,8 +92,8 @@ MUST_CHECK enum err relighter_describe(struct relighter *r, const struct environ
 
 /* Audits rgb, the last picture, of desc under e with *stats, as far as desc->audit pays for: writes stats->error,
  * error_at_most and audited. measured: the pilot's, of which parts may be missing that are part of the truth. Without
- * memory the error is unknown. It is also unknown with a ground, for METHOD_COMPONENTS, and where particles or stored
- * paths bring caustics: paths from the eye hardly find those. */
+ * memory the error is unknown. It is also unknown for METHOD_COMPONENTS, and where particles or stored paths bring
+ * caustics: paths from the eye hardly find those. By the cache, on a ground and in a team it is bounded only. */
 void relighter_state_error(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                            bool measured, const float *rgb, struct relight_stats *stats);
 

@@ -4,21 +4,25 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "base/rng.h"
+#include "audit/purse.h"
 #include "audit/trace.h"
+#include "resolve/backplate.h"
 #include "light/facts.h"
 #include "history/denoise.h"
 #include "history/history.h"
+#include "light/relight_plan.h"
 #include "light/relighter.h"
 #include "resolve/resolve.h"
 
-#define LEAST_RAYS 20000 /* that an audit is worth; live pictures that cost little pay for one together */
+#define UNEVEN 64.0         /* of audit_desc. A quarter of a cached picture's error may lie in one pixel: */
+#define UNEVEN_CACHED 300.0 /* so much is allowed for, and no estimate stated */
 
 struct stated {
     struct audit *audit;
     struct audit_numbers *numbers;
     uint8_t *mask;  /* [pixels] */
     float *half[2]; /* [height][width][3]; NULL until a picture has halves */
-    double rays;    /* left of what live pictures have paid */
+    struct purse purse;
 };
 
 void stated_destroy(struct stated *s)
@@ -57,35 +61,42 @@ static bool by_particles(const struct plan *p)
            p->indirect_caustics == PLAN_STORED;
 }
 
-/* The classes of the truth. False: it cannot be audited. */
-static bool find_classes(const struct set *set, const struct environment *e, const struct relight_desc *desc,
-                         bool measured, const struct plan *plan, struct audit_world *w)
+/* What is traced again, and how: paths from the picture's points or, on a ground or where other processes have those,
+ * through its pixels, which bounds the error: in addition to the picture's it has that of few points in a pixel. False:
+ * it cannot be audited. bare: working memory. */
+static bool find_truth(const struct relighter *r, const struct environment *e, const struct relight_desc *desc,
+                       bool measured, const struct plan *plan, struct audit_world *w, double bare[3])
 {
     const uint32_t asked = desc->classes ? desc->classes : PATH_BACKGROUND | PATH_DIRECT;
-    const bool caustics = set->facts.casters > 0 && asked & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
+    const bool caustics = r->set->facts.casters > 0 && asked & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
+    const bool reference = method_is_reference(desc->direct.method), ground = r->set->scene->ground.radius > 0.0f;
 
-    w->whole = method_is_reference(desc->direct.method);
+    w->whole = reference || ground || r->team;
     w->background = asked & PATH_BACKGROUND;
     w->classes = asked;
-    if (set->scene->ground.radius > 0.0f || desc->direct.method == METHOD_COMPONENTS || desc->direct.no_visibility)
+    w->bare_ground = ground ? bare : NULL;
+    if (desc->direct.method == METHOD_COMPONENTS || desc->direct.no_visibility || (ground && backplate_bare(e, bare)))
         return false;
-    if (caustics && ((!w->whole && by_particles(plan)) || facts_peakedness(e) >= PLAN_PEAKED))
+    if (caustics && ((!reference && by_particles(plan)) || facts_peakedness(e) >= PLAN_PEAKED))
         return false;
-    if (!w->whole && (desc->caustics == PLAN_NONE || (!measured && plan->caustics == PLAN_NONE)))
+    if (!reference && (desc->caustics == PLAN_NONE || (!measured && plan->caustics == PLAN_NONE)))
         w->classes &= ~(uint32_t)PATH_CAUSTICS;
-    if (!w->whole && (desc->indirect == PLAN_NONE || (!measured && plan->indirect == PLAN_NONE)))
+    if (!reference && (desc->indirect == PLAN_NONE || (!measured && plan->indirect == PLAN_NONE)))
         w->classes &= ~(uint32_t)PATH_INDIRECT;
     w->behind = w->classes;
     return true;
 }
 
-/* Rays for this picture. */
-static uint64_t pay(struct stated *s, const struct relight_desc *desc, const struct relight_stats *stats)
+/* A number of the way in which a picture was made. */
+static uint64_t way_of(const struct relight_desc *desc, const struct plan *p, bool settled)
 {
-    const double own = (double)(stats->direct.rays + stats->eye.rays + stats->light.rays + stats->reference_rays);
+    const uint64_t parts[] = { desc->direct.method, desc->direct.samples, desc->classes, desc->denoise, settled,
+                               p->caustics,         p->indirect,          p->eye_paths,  p->particles };
+    uint64_t out = 1;
 
-    s->rays = (desc->audit_live ? s->rays : LEAST_RAYS) + desc->audit * own;
-    return s->rays >= LEAST_RAYS ? (uint64_t)s->rays : 0;
+    for (size_t k = 0; k < sizeof(parts) / sizeof(parts[0]); out = rng_mix(out, parts[k++]))
+        ;
+    return out;
 }
 
 /* NULLs when there are none, or no memory: they only guide the choice of pixels. */
@@ -106,57 +117,68 @@ static void resolve_halves(struct stated *s, const struct gbuffer *g, const stru
     }
 }
 
-static void audit_it(struct stated **stated, const struct set *set, const struct environment *e,
-                     const struct relight_desc *desc, const float *const half[2], bool measured, const float *rgb,
-                     struct relight_stats *stats)
+/* half: NULL without a filter. */
+static void audit_it(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
+                     const float *const half[2], bool measured, const float *rgb, struct relight_stats *stats)
 {
+    const bool cached = relight_is_cached(desc), live = desc->audit_live;
+    const bool settled = cached && relight_cache_is_settled(&r->cache);
+    const double rays = (double)(stats->direct.rays + stats->eye.rays + stats->light.rays + stats->reference_rays);
+    struct stated *s = r->stated;
     struct audit_world world = {
-        .scene = set->scene, .rays = set->rays, .gbuffer = set->gbuffer, .view = &set->view, .environment = e
+        .scene = r->set->scene,
+        .rays = r->set->rays,
+        .gbuffer = r->set->gbuffer,
+        .view = &r->set->view,
+        .environment = e,
+        .numbers = s->numbers,
     };
     struct audit_result found;
-    const double start = clock_seconds();
+    double bare[3];
 
-    stats->error = stats->error_at_most = 0.0;
-    if (!(desc->audit > 0.0) || is_cancelled(desc->direct.cancel) || !(e->total_energy > 0.0) ||
-        !find_classes(set, e, desc, measured, &stats->plan, &world))
+    if (!find_truth(r, e, desc, measured, &stats->plan, &world, bare))
         return;
-    if (!*stated)
-        *stated = create(set->gbuffer);
-    struct stated *s = *stated;
-    if (!s)
-        return;
-    environment_complete(e);
-    world.numbers = s->numbers;
     struct audit_desc audit = {
         .trace = audit_trace,
         .self = &world,
-        .mask = world.whole ? NULL : s->mask,
-        .key = rng_mix(facts_sky_digest(e), (uint64_t)world.classes << 1 | world.whole),
+        .mask = method_is_reference(desc->direct.method) ? NULL : s->mask,
+        .key = rng_mix(environment_digest(e), (uint64_t)world.classes << 1 | world.whole),
+        .like_last = live ? purse_like_last(&s->purse, e, way_of(desc, &stats->plan, settled)) : 0.0,
+        .bounds = cached || (world.whole && !method_is_reference(desc->direct.method)),
+        .uneven = cached ? UNEVEN_CACHED : UNEVEN,
         .seed = rng_mix(desc->direct.seed, 0x617564),
-        .rays = pay(s, desc, stats),
+        .rays = purse_pay(&s->purse, live, settled, desc->audit * rays),
         .cancel = desc->direct.cancel,
     };
-    if (!desc->audit_live)
+    if (!live)
         audit_forget(s->audit);
-    if (audit.rays > 0)
-        resolve_halves(s, set->gbuffer, world.background ? e : NULL, half, audit.half);
+    if (audit.rays > 0) {
+        environment_complete(e);
+        resolve_halves(s, r->set->gbuffer, world.background ? e : NULL, half, audit.half);
+    }
     audit_picture(s->audit, &audit, rgb, &found);
-    s->rays -= (double)found.rays;
+    purse_spend(&s->purse, live, found.rays);
     stats->error = found.states;
     stats->error_at_most = found.at_most;
     stats->audited.pixels = found.pixels;
     stats->audited.rays = found.rays;
-    stats->audited.ms = 1e3 * (clock_seconds() - start);
 }
 
 void relighter_state_error(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                            bool measured, const float *rgb, struct relight_stats *stats)
 {
     const bool filtered = desc->denoise && r->denoiser && !measured && !method_is_reference(desc->direct.method);
+    const double start = clock_seconds();
     const float *half[2] = { NULL, NULL };
 
+    stats->error = stats->error_at_most = 0.0;
+    if (!(desc->audit > 0.0) || is_cancelled(desc->direct.cancel) || !(e->total_energy > 0.0))
+        return;
     for (int k = 0; k < 2 && filtered; k++)
         half[k] = r->history ? history_half(r->history, k) : denoiser_half(r->denoiser, k);
-    if (!r->team) /* else other processes have part of the points */
-        audit_it(&r->stated, r->set, e, desc, filtered ? half : NULL, measured, rgb, stats);
+    if (!r->stated)
+        r->stated = create(r->set->gbuffer);
+    if (r->stated)
+        audit_it(r, e, desc, filtered ? half : NULL, measured, rgb, stats);
+    stats->audited.ms = 1e3 * (clock_seconds() - start);
 }

@@ -1,12 +1,13 @@
-/* What images state of their error (audit/audit.h), and what it is: the first live images, before a cache exists, and
- * images with fixed counts.
+/* What images state of their error (audit/audit.h), and what it is: the first live images, before a cache exists,
+ * images with fixed counts, and images by the cache, single and live.
  *
- *     first_pictures WxH SCENE|builtin SOURCE SEEDS PICTURES PASSES [TRUTH|- [BEFORE]]
+ *     first_pictures WxH SCENE|builtin SOURCE FIRST-LAST PICTURES PASSES [TRUTH|- [BEFORE]]
  *
- * One row per image and seed: how it was made, relMSE, what is stated, its ratio to the true one, and that of the
- * stated upper bound. PICTURES live ones; then those of `kinds`, --method cached only if CACHED is in the environment.
- * PASSES pairs of 32 samples and 32 eye paths make the truth, which the file TRUTH keeps. BEFORE is a source that
- * lights four images before the first one: a sky that changes at once. */
+ * One row per image and seed of FIRST to LAST: how it was made, relMSE, what is stated, its ratio to the true one, and
+ * that of the stated upper bound. PICTURES live ones; then those of `kinds`; then CACHED live ones by the finished
+ * cache, under a sky that grows brighter and darker by a thousandth or two, which leaves the relMSE as it is. PASSES
+ * pairs of 32 samples and 32 eye paths make the truth, which the file TRUTH keeps. BEFORE is a source that lights four
+ * images before the first one: a sky that changes at once. */
 #include "base/mem.h"
 #include "film/film.h"
 #include "light/relight.h"
@@ -17,12 +18,17 @@
 #include <string.h>
 
 #define BEFORE 4
+#define CACHED 64     /* live pictures by the cache; */
+#define SHOWN 8       /* each so manieth has a row, after the first four */
+#define BREATHS 3     /* brightnesses of their sky */
 #define AUDIT 0.05    /* the server's share of a picture's rays */
 #define AUDIT_OWN 1.0 /* that of the others: small images need more of it than large ones */
 
 struct rig {
     struct set *set;
     struct environment *sky, *before; /* before: NULL: none */
+    struct environment *breath[BREATHS];
+    double gain[BREATHS];
     const struct kernels *kernels;
     struct reason why;
     size_t values;
@@ -153,9 +159,8 @@ static enum err run_kinds(struct rig *r, struct relighter *relighter, uint64_t s
             .eye_paths = by->eye_paths,
             .denoise = by->denoise,
             .audit = AUDIT_OWN,
+            .cache_file = by->method == METHOD_CACHED ? "" : NULL,
         };
-        if (by->method == METHOD_CACHED && !getenv("CACHED"))
-            continue;
         e = relighter_run(relighter, r->sky, &light, r->rgb, &stats);
         if (!e)
             print_row(r, seed, by->name, &stats);
@@ -163,27 +168,57 @@ static enum err run_kinds(struct rig *r, struct relighter *relighter, uint64_t s
     return e;
 }
 
-static enum err run_seeds(struct rig *r, int seeds, int pictures)
+static enum err run_cached(struct rig *r, uint64_t seed)
 {
     struct relighter *relighter = relighter_create(r->set, r->kernels);
+    struct relight_stats stats;
     enum err e = relighter ? ERR_OK : ERR_NOMEM;
 
-    for (uint64_t seed = 1; seed <= (uint64_t)seeds && !e; seed++) {
-        e = run_live(r, seed, pictures);
-        if (!e)
-            e = run_kinds(r, relighter, seed);
+    for (uint32_t k = 0; k < CACHED && !e; k++) {
+        struct relight_desc light = live(seed, false);
+        char kind[32];
+        light.direct.method = METHOD_CACHED;
+        light.direct.samples = 16;
+        light.direct.why = &r->why;
+        light.denoise = false;
+        light.cache_file = "";
+        light.turn = k;
+        e = relighter_run(relighter, r->breath[k % BREATHS], &light, r->rgb, &stats);
+        for (size_t v = 0; v < r->values; v++)
+            r->rgb[v] /= (float)r->gain[k % BREATHS];
+        snprintf(kind, sizeof(kind), "live cached,%u", k + 1);
+        if (!e && (k < BEFORE || (k + 1) % SHOWN == 0))
+            print_row(r, seed, kind, &stats);
     }
     relighter_destroy(relighter);
     return e;
 }
 
-static enum err make_sky(struct rig *r, const char *spec, struct environment **out)
+static enum err run_seeds(struct rig *r, uint64_t first, uint64_t last, int pictures)
+{
+    struct relighter *relighter = relighter_create(r->set, r->kernels);
+    enum err e = relighter ? ERR_OK : ERR_NOMEM;
+
+    for (uint64_t seed = first; seed <= last && !e; seed++) {
+        e = run_live(r, seed, pictures);
+        if (!e)
+            e = run_kinds(r, relighter, seed);
+        if (!e)
+            e = run_cached(r, seed);
+    }
+    relighter_destroy(relighter);
+    return e;
+}
+
+static enum err make_sky(struct rig *r, const char *spec, double gain, struct environment **out)
 {
     const struct source_desc source = { .spec = spec };
     struct frame frame = { 0 };
 
     *out = environment_create(&(struct environment_desc){ .n = 0 });
     enum err e = *out ? source_first(&source, &frame, &r->why) : err_say(&r->why, ERR_NOMEM, "out of memory");
+    for (size_t i = 0; !e && i < 3 * (size_t)frame.width * frame.height; i++)
+        frame.rgb[i] *= (float)gain;
     if (!e)
         e = environment_update(*out, &frame, &r->why);
     frame_finish(&frame);
@@ -204,30 +239,38 @@ static enum err make(struct rig *r, char **argv)
     if (!r->half[0] || !r->half[1] || !r->rgb)
         return err_say(&r->why, ERR_NOMEM, "out of memory");
     if (!e)
-        e = make_sky(r, argv[3], &r->sky);
+        e = make_sky(r, argv[3], 1.0, &r->sky);
+    for (int k = 0; k < BREATHS && !e; k++) {
+        r->gain[k] = 1.0 + 0.001 * k;
+        e = make_sky(r, argv[3], r->gain[k], &r->breath[k]);
+    }
     if (!e && argv[7] && argv[8])
-        e = make_sky(r, argv[8], &r->before);
+        e = make_sky(r, argv[8], 1.0, &r->before);
     return e ? e : set_create(&set, &r->set, &r->why);
 }
 
 int main(int argc, char **argv)
 {
     struct rig r = { .set = NULL };
+    unsigned long long first, last;
 
-    if (argc < 7) {
-        fprintf(stderr, "usage: first_pictures WxH SCENE|builtin SOURCE SEEDS PICTURES PASSES [TRUTH|- [BEFORE]]\n");
+    if (argc < 7 || sscanf(argv[4], "%llu-%llu", &first, &last) != 2) {
+        fprintf(stderr,
+                "usage: first_pictures WxH SCENE|builtin SOURCE FIRST-LAST PICTURES PASSES [TRUTH|- [BEFORE]]\n");
         return 2;
     }
     enum err e = make(&r, argv);
     if (!e && !load_truth(&r, argv[7]))
         e = make_truth(&r, atoi(argv[6]), argv[7]);
     if (!e)
-        e = run_seeds(&r, atoi(argv[4]), atoi(argv[5]));
+        e = run_seeds(&r, first, last, atoi(argv[5]));
     if (e)
         fprintf(stderr, "%s\n", r.why.text[0] ? r.why.text : err_text(e));
     set_destroy(r.set);
     environment_destroy(r.sky);
     environment_destroy(r.before);
+    for (int k = 0; k < BREATHS; k++)
+        environment_destroy(r.breath[k]);
     mem_free(r.half[0]);
     mem_free(r.half[1]);
     mem_free(r.rgb);

@@ -1,12 +1,13 @@
 #!/usr/bin/python3
-"""stated.py [--size WxH] [--seeds N] [--pictures N] [--reference N] [--skies NAME,...] [SCENE...]: how true is the error that
-images state?
+"""stated.py [--size WxH] [--seeds N] [--pictures N] [--reference N] [--skies NAME,...] [--keep FOLDER] [SCENE...]: how true is
+the error that images state?
 
 Lights each scene (builtin or a file; the default is court, steps, ring, plaza and foliage) under four skies by
-build/bin/first_pictures, live and with fixed counts, and compares what each image states with its relMSE against a long
-run of --reference pairs of passes. Prints a row for each scene and sky, and one for each way: the stated error over the true
-one, least, mean and largest, how many lie within 0.67 and 1.5, how many upper bounds hold, and how many images say that they
-do not know. RELIGHT_BIN: the programs' folder."""
+build/bin/first_pictures, live, with fixed counts and by the cache, and compares what each image states with its relMSE against a
+long run of --reference pairs of passes. Prints a row for each scene and sky, and one for each way: the stated error over the
+true one, least, mean and largest, how many lie within 0.67 and 1.5, how many upper bounds hold, and how many images say that
+they do not know. --keep: keeps truths and rows in FOLDER, so that a run goes on where the last one ended. RELIGHT_BIN: the
+programs' folder."""
 
 import argparse
 import os
@@ -20,16 +21,30 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "docs/examples"
 SKIES = {"morning": "sky:time=06:30", "noon": "sky:time=12:00", "haze": "sky:time=17:00,turbidity=9", "overcast": "cie:1,lux=10000"}
 
 
-def images(scene, sky, a):
+def lines_of(name, scene, sky, seed, folder, a):
+    """What first_pictures prints of one seed."""
+    kept = folder / f"{name}-{sky}-{a.size}-{seed}"
+    if not kept.exists():
+        truth = folder / f"{name}-{sky}-{a.size}-{a.reference}.truth"
+        command = [BIN / "first_pictures", a.size, scene, SKIES[sky], f"{seed}-{seed}", a.pictures, a.reference, truth]
+        environment = dict(os.environ, XDG_CACHE_HOME=str(folder), CACHE_DIRECTORY=str(folder))
+        done = subprocess.run([str(c) for c in command], check=True, capture_output=True, text=True, env=environment)
+        kept.with_suffix(".new").write_text(done.stdout)
+        kept.with_suffix(".new").rename(kept)
+    return kept.read_text().splitlines()
+
+
+def images(name, scene, sky, folder, a):
     """(way, stated / true, bound / true) of each image."""
-    command = [BIN / "first_pictures", a.size, scene, sky, a.seeds, a.pictures, a.reference]
-    done = subprocess.run([str(c) for c in command], check=True, capture_output=True, text=True)
-    for line in done.stdout.splitlines():
-        words = line.split()
-        if words[0] == "seed":
+    for seed in range(1, a.seeds + 1):
+        for line in lines_of(name, scene, sky, seed, folder, a):
+            words = line.replace("live cached", "cached-live").split()
+            if words[0] != "seed":
+                continue
             if a.verbose:
                 print(line, file=sys.stderr)
-            yield words[2].rstrip(":").split(",", 1)[0] + (" denoised" if "denoised" in words[2] else ""), float(words[8]), float(words[10])
+            way = words[2].rstrip(":").split(",", 1)[0].replace("cached-live", "live, cached")
+            yield way + (" denoised" if "denoised" in words[2] else ""), float(words[8]), float(words[10])
 
 
 def row(name, rows):
@@ -55,15 +70,18 @@ def main():
     p.add_argument("--size", default="112x63")
     p.add_argument("--skies", default=",".join(SKIES))
     p.add_argument("--verbose", action="store_true")
+    p.add_argument("--keep", type=Path)
     for flag, value in (("--seeds", 2), ("--pictures", 2), ("--reference", 4)):
         p.add_argument(flag, type=int, default=value)
     a = p.parse_args()
     ways = {}
     print("| images | least | mean | largest | within 0.67 and 1.5 | below 0.33 | bounds that hold | not known |\n|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
+        if a.keep:
+            a.keep.mkdir(parents=True, exist_ok=True)
         for name, scene in scenes_of(a, folder).items():
             for sky in a.skies.split(","):
-                rows = list(images(scene, SKIES[sky], a))
+                rows = list(images(name, scene, sky, a.keep or Path(folder), a))
                 row(f"{name}, {sky}", rows)
                 for r in rows:
                     ways.setdefault(r[0], []).append(r)

@@ -1,6 +1,7 @@
 /* audit/audit.h against pictures whose error is known: t is a formula, and e has noise of a known variance. */
 #include "base/rng.h"
 #include "audit/audit.h"
+#include "audit/purse.h"
 #include "light/stage.h"
 
 #include <math.h>
@@ -220,6 +221,108 @@ static void the_seed_decides_the_bits(void **state)
     mem_free(w);
 }
 
+/* Of a bright pixel among dark ones, not of its neighbours, an unfiltered picture's error is expected: 400 draws find
+ * nearly all of it in one pixel. */
+static void a_lonely_pixel_is_drawn_often(void **state)
+{
+    struct world *w = make(0.3, 0.02, 30.0, 15 * WIDTH + 12);
+    struct audit *a = audit_create(WIDTH, HEIGHT);
+
+    (void)state;
+    assert_non_null(a);
+    const struct audit_result r = run(a, w, 3, 400 * 4 * 16, false);
+    print_message("error %.3e, found %.3e +- %.1e\n", w->error, r.error, r.deviation);
+    assert_true(r.deviation < 0.2 * w->error && fabs(r.error - w->error) < 4.0 * r.deviation);
+    audit_destroy(a);
+    mem_free(w);
+}
+
+/* The picture is off by a half and its estimates are noisy: weights from them as they are would come out too large,
+ * by a fifth. */
+static void noisy_estimates_do_not_raise_the_error(void **state)
+{
+    struct world *w = make(2.5, 0.5, 0.0, 0);
+    double deviation;
+    int within;
+
+    (void)state;
+    const double mean = mean_of(w, 60, 100000, &deviation, &within);
+    print_message("error %.4e, mean %.4e +- %.1e\n", w->error, mean, deviation);
+    assert_true(fabs(mean / w->error - 1.0) < 0.06);
+    mem_free(w);
+}
+
+/* Answers to a picture bound the error of the next one of another truth if it is alike, by their share, and say nothing
+ * if it is not. */
+static void answers_to_an_alike_picture_bound_the_next(void **state)
+{
+    struct world *w = make(0.5, 0.2, 0.0, 0);
+    struct audit *a = audit_create(WIDTH, HEIGHT);
+    struct audit_desc desc = { .trace = trace, .self = w, .key = 1, .rays = 1000000, .uneven = 64.0 };
+    struct audit_result out[4];
+
+    (void)state;
+    assert_non_null(a);
+    for (uint64_t k = 0; k < 4; k++, desc.rays = 0) {
+        desc.key = k;
+        desc.like_last = k == 3 ? 0.0 : 0.5;
+        audit_picture(a, &desc, w->picture[0], &out[k]);
+    }
+    assert_true(out[0].states > 0.0 && !out[0].older);
+    for (int k = 1; k < 3; k++) {
+        assert_true(out[k].older && out[k].states == 0.0 && out[k].error == out[0].error);
+        assert_true(out[k].at_most >= out[0].error * (1.0 + 2.0 * sqrt(64.0 / out[0].pixels)) * (1.0 - 1e-9));
+    }
+    assert_true(out[3].pixels == 0 && out[3].states == 0.0 && out[3].at_most == 0.0);
+    audit_destroy(a);
+    mem_free(w);
+}
+
+/* Upper bounds allow for an error that few pixels have and no draw has met. */
+static void bounds_allow_for_what_was_not_met(void **state)
+{
+    struct world *w = make(0.3, 0.1, 0.0, 0);
+    struct audit *a = audit_create(WIDTH, HEIGHT);
+    const struct audit_desc desc = {
+        .trace = trace, .self = w, .key = 1, .rays = 100000, .bounds = true, .uneven = 300.0
+    };
+    struct audit_result out;
+
+    (void)state;
+    assert_non_null(a);
+    audit_picture(a, &desc, w->picture[0], &out);
+    assert_true(out.states == 0.0 && out.deviation < 0.1 * out.error);
+    assert_true(fabs(out.at_most / (out.error * (1.0 + 2.0 * sqrt(300.0 / out.pixels))) - 1.0) < 1e-6);
+    audit_destroy(a);
+    mem_free(w);
+}
+
+/* The numbers of purse.h by hand. */
+static void live_pictures_save_rays_up(void **state)
+{
+    struct environment e = { .energy = { 1.0, 2.0, 3.0, 2.0, 1.0, 1.0 }, .total_energy = 10.0 };
+    struct purse p = { .begun = false };
+
+    (void)state;
+    assert_int_equal(purse_pay(&p, false, false, 1000.0), 501000);
+    assert_int_equal(purse_pay(&p, true, false, 1000.0), 64000); /* the first */
+    purse_spend(&p, true, 64000);
+    assert_int_equal(purse_pay(&p, true, false, 9000.0), 0); /* not worth one yet */
+    assert_int_equal(purse_pay(&p, true, false, 1000.0), 0);
+    assert_int_equal(purse_pay(&p, true, false, 1000.0), 17000);
+    assert_int_equal(purse_pay(&p, true, true, 0.0), 200000); /* the cache is finished */
+    assert_int_equal(purse_pay(&p, true, true, 0.0), 200000); /* and so much is kept at most */
+    assert_true(purse_like_last(&p, &e, 7) == 0.0);
+    assert_true(purse_like_last(&p, &e, 7) == 1.0);
+    e.energy[2] = 3.2;
+    e.total_energy = 10.2;
+    assert_true(fabs(purse_like_last(&p, &e, 7) - (1.0 - 2.0 * 0.2 / 10.2)) < 1e-12);
+    assert_true(purse_like_last(&p, &e, 8) == 0.0); /* another way */
+    e.energy[0] = 4.0;
+    e.total_energy = 13.2;
+    assert_true(purse_like_last(&p, &e, 8) == 0.0); /* another sky */
+}
+
 enum { WIDE = 48, HIGH = 27, VALUES = 3 * WIDE * HIGH, TRUTH = 96, SEEDS = 3 };
 
 /* The relMSE of a picture against a truth that was computed twice. */
@@ -284,10 +387,48 @@ static void pictures_state_their_error(void **state)
     stage_finish(&s);
 }
 
+/* On a ground, and by the cache, pictures state upper bounds: those of paths through the pixels, and of paths from the
+ * points. */
+static void others_state_bounds_that_hold(void **state)
+{
+    static const uint32_t classes = PATH_DIRECT | PATH_BACKGROUND;
+    (void)state;
+
+    for (int ground = 0; ground < 2; ground++) {
+        struct stage s =
+            stage_make(&(struct set_desc){ .width = WIDE, .height = HIGH, .ground = ground }, sky_overcast(64, 32));
+        float *half[2] = { mem_alloc(VALUES, sizeof(float)), mem_alloc(VALUES, sizeof(float)) };
+        struct relight_desc light = {
+            .direct = { .method = ground ? METHOD_MIS : METHOD_CACHED, .samples = 8, .seed = 3 },
+            .classes = classes,
+            .audit = 1.0,
+        };
+        struct relight_stats stats;
+        assert_true(half[0] && half[1]);
+        make_truth(&s, classes, half);
+        assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
+        const double is = error_of(s.rgb, half);
+        print_message("%s: at most %.2e, is %.2e\n", ground ? "ground" : "cached", stats.error_at_most, is);
+        assert_true(stats.error == 0.0 && stats.error_at_most >= is && stats.error_at_most < 10.0 * is);
+        mem_free(half[0]);
+        mem_free(half[1]);
+        stage_finish(&s);
+    }
+}
+
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(the_mean_over_seeds_is_the_error), cmocka_unit_test(a_planted_bias_is_found),
-    cmocka_unit_test(one_wrong_pixel_counts),           cmocka_unit_test(errors_where_nothing_shows_are_found),
-    cmocka_unit_test(answers_are_kept_under_one_key),   cmocka_unit_test(the_seed_decides_the_bits),
+    cmocka_unit_test(the_mean_over_seeds_is_the_error),
+    cmocka_unit_test(a_planted_bias_is_found),
+    cmocka_unit_test(one_wrong_pixel_counts),
+    cmocka_unit_test(errors_where_nothing_shows_are_found),
+    cmocka_unit_test(answers_are_kept_under_one_key),
+    cmocka_unit_test(the_seed_decides_the_bits),
+    cmocka_unit_test(a_lonely_pixel_is_drawn_often),
+    cmocka_unit_test(noisy_estimates_do_not_raise_the_error),
+    cmocka_unit_test(answers_to_an_alike_picture_bound_the_next),
+    cmocka_unit_test(bounds_allow_for_what_was_not_met),
+    cmocka_unit_test(live_pictures_save_rays_up),
     cmocka_unit_test(pictures_state_their_error),
+    cmocka_unit_test(others_state_bounds_that_hold),
 };
 UNIT_MAIN(tests)
