@@ -496,14 +496,14 @@ static void begin(struct audit *a, const struct audit_desc *desc, const float *r
 /* An error that few pixels have, few draws may not have met, and their scatter does not show it. */
 static void state(const struct audit_desc *desc, struct audit_result *out)
 {
-    const double error = fmax(out->error, 0.0), least = error * sqrt(desc->uneven / fmax(out->pixels, 1.0));
+    const double error = fmax(out->error, 0.0), unmet = fmax(sqrt(desc->uneven / fmax(out->pixels, 1.0)), desc->hidden);
 
     if (out->pixels < LEAST_BOUND || !(out->deviation > 0.0) || is_cancelled(desc->cancel))
         return;
     if (out->pixels >= LEAST && out->deviation <= AUDIT_DOUBT * error && !desc->bounds && !out->older)
         out->states = error;
     else
-        out->at_most = error + 2.0 * fmax(out->deviation, least);
+        out->at_most = error + 2.0 * fmax(out->deviation, error * unmet);
 }
 
 void audit_picture(struct audit *a, const struct audit_desc *desc, const float *rgb, struct audit_result *out)

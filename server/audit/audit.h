@@ -45,6 +45,7 @@ struct audit_desc {
     double like_last;    /* 0..1: how much answers to the last picture, of another truth, tell of this one's error */
     bool bounds;         /* state upper bounds only */
     double uneven; /* the variance of errors over draws, relative to their mean's square, that a bound allows for */
+    double hidden; /* at least so many times the error found count as one standard error: what no guide points at */
     uint64_t seed;
     uint64_t rays;             /* no round begins after so many of this picture */
     const atomic_bool *cancel; /* may be NULL */

@@ -15,7 +15,8 @@
 #include "resolve/resolve.h"
 
 #define UNEVEN 64.0         /* of audit_desc. A quarter of a cached picture's error may lie in one pixel: */
-#define UNEVEN_CACHED 300.0 /* so much is allowed for, and no estimate stated */
+#define UNEVEN_CACHED 300.0 /* so much is allowed for, and no estimate stated; */
+#define HIDDEN_CACHED 1.0   /* often only half of it is found */
 
 struct stated {
     struct audit *audit;
@@ -146,6 +147,7 @@ static void audit_it(struct relighter *r, const struct environment *e, const str
         .like_last = live ? purse_like_last(&s->purse, e, way_of(desc, &stats->plan, settled)) : 0.0,
         .bounds = cached || (world.whole && !method_is_reference(desc->direct.method)),
         .uneven = cached ? UNEVEN_CACHED : UNEVEN,
+        .hidden = cached ? HIDDEN_CACHED : 0.0,
         .seed = rng_mix(desc->direct.seed, 0x617564),
         .rays = purse_pay(&s->purse, live, settled, desc->audit * rays),
         .cancel = desc->direct.cancel,

@@ -286,13 +286,18 @@ static void bounds_allow_for_what_was_not_met(void **state)
     const struct audit_desc desc = {
         .trace = trace, .self = w, .key = 1, .rays = 100000, .bounds = true, .uneven = 300.0
     };
+    struct audit_desc hidden = desc;
     struct audit_result out;
 
     (void)state;
     assert_non_null(a);
+    hidden.hidden = 3.0;
     audit_picture(a, &desc, w->picture[0], &out);
     assert_true(out.states == 0.0 && out.deviation < 0.1 * out.error);
     assert_true(fabs(out.at_most / (out.error * (1.0 + 2.0 * sqrt(300.0 / out.pixels))) - 1.0) < 1e-6);
+    hidden.key = 2;
+    audit_picture(a, &hidden, w->picture[0], &out);
+    assert_true(fabs(out.at_most / (out.error * (1.0 + 2.0 * 3.0)) - 1.0) < 1e-6);
     audit_destroy(a);
     mem_free(w);
 }
