@@ -229,8 +229,8 @@ enum err config_add_location(const struct config *c, size_t index, enum err e, s
 {
     const struct entry *entry = &c->entries[index];
     const size_t length = strlen(entry->key);
-    const struct reason said = *why;
-    const char *text = said.text[0] ? said.text : err_text(e);
+    const struct reason cause = *why;
+    const char *text = cause.text[0] ? cause.text : err_text(e);
 
     if (strncmp(text, "--", 2) == 0 && strncmp(text + 2, entry->key, length) == 0 && text[2 + length] == ' ')
         text += 3 + length;

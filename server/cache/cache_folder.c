@@ -17,13 +17,13 @@
 #define PATH_ROOM 4096
 #define LEFT_BEHIND_S 600 /* an older .part file was left by a killed writer */
 
-enum err cache_folder_find(const char *asked, char *path, size_t size, struct reason *why)
+enum err cache_folder_find(const char *requested, char *path, size_t size, struct reason *why)
 {
     const char *of_service = getenv("CACHE_DIRECTORY");
     int n;
 
-    if (asked)
-        n = snprintf(path, size, "%s", asked);
+    if (requested)
+        n = snprintf(path, size, "%s", requested);
     else if (of_service && of_service[0] == '/')
         n = snprintf(path, size, "%.*s", (int)strcspn(of_service, ":"), of_service);
     else

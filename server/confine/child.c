@@ -20,15 +20,16 @@
 
 enum { LOOK_MS = 100 };
 
-enum err child_find(const char *name, const char *asked, char *out, size_t size, struct reason *why)
+enum err child_find(const char *name, const char *requested, char *out, size_t size, struct reason *why)
 {
     static const char *const places[] = { "", "/../lib/relightd" };
     char self[2048];
 
-    if (asked) {
-        snprintf(out, size, "%s", asked);
-        return access(asked, X_OK) == 0 ? ERR_OK
-                                        : err_say(why, ERR_IO, "%s: cannot execute: %s", asked, strerror(errno));
+    if (requested) {
+        snprintf(out, size, "%s", requested);
+        return access(requested, X_OK) == 0
+                   ? ERR_OK
+                   : err_say(why, ERR_IO, "%s: cannot execute: %s", requested, strerror(errno));
     }
     const ssize_t n = readlink("/proc/self/exe", self, sizeof(self) - 1);
     self[n > 0 ? n : 0] = 0;

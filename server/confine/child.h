@@ -17,9 +17,9 @@ struct child {
     int socket;
 };
 
-/* Finds the program `name` beside this one or in the package's lib folder, ../lib/relightd relative to it; `asked` is
- * used instead unless it is NULL. ERR_IO: not there, or not executable. */
-MUST_CHECK enum err child_find(const char *name, const char *asked, char *out, size_t size, struct reason *why);
+/* Finds the program `name` beside this one or in the package's lib folder, ../lib/relightd relative to it;
+ * `requested` is used instead unless it is NULL. ERR_IO: not there, or not executable. */
+MUST_CHECK enum err child_find(const char *name, const char *requested, char *out, size_t size, struct reason *why);
 
 /* Starts `program` with these arguments (NULL at their end, the first is its name), descriptors, an empty environment
  * and default signal handling; standard input and outputs are /dev/null. ERR_IO. */

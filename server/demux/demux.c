@@ -29,7 +29,7 @@ struct demux {
     uint8_t *bytes;
     uint32_t timeout_ms;
     const atomic_bool *stop;
-    bool asked;                /* a packet was requested and has not come yet */
+    bool requested;            /* a packet was requested and has not come yet */
     int64_t until_ms;          /* deadline of that request */
     struct demux_answer first; /* the format, which demux_open has received */
     bool has_first;
@@ -340,11 +340,11 @@ enum err demux_next(struct demux *d, int wait_ms, struct demux_item *out, struct
         d->has_first = false;
     } else {
         const struct demux_request q = { .magic = DEMUX_MAGIC, .ask = DEMUX_ASK_NEXT };
-        if (!d->asked && !send_request(d, &q))
+        if (!d->requested && !send_request(d, &q))
             return err_say(why, ERR_IO, "%s: " PROGRAM " has ended", d->name);
-        d->asked = true;
+        d->requested = true;
         const enum err e = receive(d, clock_ms() + wait_ms, &a, &quiet, why);
-        d->asked = quiet;
+        d->requested = quiet;
         if (e || quiet)
             return e;
     }

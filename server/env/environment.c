@@ -107,13 +107,13 @@ void environment_configure(struct environment *e, const struct environment_desc 
  * does "auto", except that texels are then not assumed to be lat-long. */
 static enum err take_layout(struct environment *e, const struct frame *f, struct reason *why)
 {
-    struct reason said;
+    struct reason fault;
     int layout;
 
     if (!f->layout[0])
         return ERR_OK;
-    if (choice_parse(layout_choices, 0, "layout", f->layout, &layout, &said))
-        return err_say(why, ERR_FORMAT, "%s: %s", f->name, said.text);
+    if (choice_parse(layout_choices, 0, "layout", f->layout, &layout, &fault))
+        return err_say(why, ERR_FORMAT, "%s: %s", f->name, fault.text);
     if (layout != LAYOUT_AUTO || f->kind == FRAME_TEXELS)
         e->image.layout = (enum layout)layout;
     return ERR_OK;

@@ -251,11 +251,11 @@ static enum fault_code parse_probe(const json_t *object, struct message *m, stru
     int64_t request = 0, x = 0, y = 0, samples = 0;
     struct server_probe *q = &m->probe.question;
     size_t word = 0;
-    bool said;
+    bool has_sky;
 
     if (take_integer(object, "request", false, 0, PROTOCOL_NUMBER_MAX, &request, "4.15.1", fault) ||
         take_flag(object, "follow", &m->probe.has_follow, &m->probe.follow, "4.15.5", fault) ||
-        take_flag(object, "sky", &said, &q->sky, "4.15.4", fault) ||
+        take_flag(object, "sky", &has_sky, &q->sky, "4.15.4", fault) ||
         take_integer(object, "samples", false, 1, MESSAGE_PROBE_SAMPLES_MAX, &samples, "4.15.3", fault) ||
         (preset && !json_is_null(preset) && take_word(object, "preset", presets, 1, &word, "4.15.3", fault)))
         goto failed;

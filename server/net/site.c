@@ -107,13 +107,13 @@ static enum err folder_load(struct site *site, const char *dir, const char *pref
     return e;
 }
 
-enum err site_folder(const char *asked, char *path, size_t size, struct reason *why)
+enum err site_folder(const char *requested, char *path, size_t size, struct reason *why)
 {
     char program[4096];
     int length;
 
-    if (asked) {
-        length = snprintf(path, size, "%s", asked);
+    if (requested) {
+        length = snprintf(path, size, "%s", requested);
     } else {
         const ssize_t n = readlink("/proc/self/exe", program, sizeof(program) - 1);
         if (n <= 0)

@@ -24,9 +24,9 @@ struct site {
     size_t count;
 };
 
-/* Writes the folder `asked` to path[size]; if NULL, ../share/relightd/web seen from the running program's folder: next
- * to bin where installed, and in a build tree by a link. ERR_IO: the program's folder is unknown. */
-MUST_CHECK enum err site_folder(const char *asked, char *path, size_t size, struct reason *why);
+/* Writes the folder `requested` to path[size]; if NULL, ../share/relightd/web relative to the running program's
+ * folder: next to bin where installed, and in a build tree by a link. ERR_IO: the program's folder is unknown. */
+MUST_CHECK enum err site_folder(const char *requested, char *path, size_t size, struct reason *why);
 
 /* Reads the files with a known extension of `dir` and of the folders in it; skips hidden ones and folders of folders.
  * ERR_IO: dir cannot be read or has no index.html. ERR_RANGE: a file or their number is too large. ERR_NOMEM. */

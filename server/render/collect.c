@@ -27,19 +27,19 @@ enum err render_collect_begin(struct render *r, struct reason *why)
     if (!render_collects(r))
         return ERR_OK;
     if (first && r->desc.resume && r->output)
-        e = output_numbers(r->output, &r->there, &r->there_count);
+        e = output_numbers(r->output, &r->existing, &r->existing_count);
     e = ranks_agree(r->desc.ranks, e ? err_say(why, e, "out of memory for the list of existing images") : e, why);
-    count = r->there_count;
+    count = r->existing_count;
     if (!e)
         e = ranks_broadcast(r->desc.ranks, &count, sizeof(count));
     if (!e && !first) {
-        r->there = mem_alloc(count, sizeof(*r->there));
-        r->there_count = count;
-        if (!r->there)
+        r->existing = mem_alloc(count, sizeof(*r->existing));
+        r->existing_count = count;
+        if (!r->existing)
             ranks_abort(r->desc.ranks, "out of memory for the list of existing images");
     }
     if (!e && count > 0)
-        e = ranks_broadcast(r->desc.ranks, r->there, count * sizeof(*r->there));
+        e = ranks_broadcast(r->desc.ranks, r->existing, count * sizeof(*r->existing));
     return e ? err_say(why, e, "rank 0 no longer answers") : ERR_OK;
 }
 
@@ -52,7 +52,7 @@ static int by_number(const void *a, const void *b)
 
 bool render_collect_has(const struct render *r, uint64_t number)
 {
-    return r->there_count > 0 && bsearch(&number, r->there, r->there_count, sizeof(number), by_number);
+    return r->existing_count > 0 && bsearch(&number, r->existing, r->existing_count, sizeof(number), by_number);
 }
 
 /* The image's number, its radiance and, if requested, its foreground. */

@@ -285,7 +285,7 @@ static enum err sum_up(struct render *r, enum err e, struct reason *why)
     const uint64_t rendered = ranks_sum(ranks, r->rendered), refused = ranks_sum(ranks, r->refused),
                    kept = ranks_sum(ranks, r->kept);
     if (r->desc.resume && kept > 0 && ranks_index(ranks) == 0)
-        log_info("%" PRIu64 " images were there and are kept, %" PRIu64 " are new", kept, rendered);
+        log_info("%" PRIu64 " existing images are kept, %" PRIu64 " are new", kept, rendered);
     if (!e && refused)
         return err_say(why, ERR_FORMAT, "%" PRIu64 " of %" PRIu64 " frames could not be used (named above)", refused,
                        refused + rendered + kept);
@@ -310,7 +310,7 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
     mem_free(r->rgb);
     mem_free(r->rgba);
     mem_free(r->texts.at);
-    mem_free(r->there);
+    mem_free(r->existing);
     output_destroy(r->output);
     output_destroy(r->maps);
     changes_finish(&r->changes);

@@ -56,8 +56,8 @@ struct render {
     struct decoding decoding;
     struct render_ahead ahead;
     uint64_t rendered, refused, kept;
-    uint64_t *there; /* [there_count]: numbers of the images that rank 0 has, ascending; with desc.collect */
-    size_t there_count;
+    uint64_t *existing; /* [existing_count]: numbers of the images that rank 0 has, ascending; with desc.collect */
+    size_t existing_count;
     uint64_t position; /* of the frame in the source; of a job */
     struct bytes {     /* of a job: statistics of this rank's frames, as share.c has them */
         char *at;

@@ -54,7 +54,7 @@ def frames(jobs, kills, chance):
         whole = all(want[int(name[5:7])] == data for name, data in kept.items())
         log = run(*command, "--resume", "--stats", str(work / "stats.json")).stderr
         again = (work / "stats.json").read_text().count('"frame"') if len(kept) < count else 0
-        said = re.search(r"(\d+) images were there and are kept, (\d+) are new", log)
+        said = re.search(r"(\d+) existing images are kept, (\d+) are new", log)
         complete = [(work / f"many.{n:02}.exr").read_bytes() for n in range(count)] == want
         fine = whole and complete and (not kept or said and (int(said[1]), int(said[2])) == (len(kept), count - len(kept))) \
             and again == count - len(kept) and (status != 0 or len(kept) == count)

@@ -53,7 +53,7 @@ a_killed_rank_loses_nothing_that_is_complete() {
         before=$(find many -name '*.exr' | wc -l)
         for file in $(find many -name '*.exr'); do cmp "$file" "one/${file#many/}"; done
         job 3 "${frames[@]}" $mode --out many/%02d.exr --resume --stats stats.json 2>log
-        [ "$before" = 0 ] || grep -q "$before images were there and are kept, $((24 - before)) are new" log || { cat log; fail "not $before kept"; }
+        [ "$before" = 0 ] || grep -q "$before existing images are kept, $((24 - before)) are new" log || { cat log; fail "not $before kept"; }
         [ "$(grep -c '"frame"' stats.json)" = $((24 - before)) ] || fail "statistics of other frames than the new ones"
         rm -f many/*.part
         same_files
@@ -79,7 +79,7 @@ RUN
     rm many/05.exr many/11.exr
     echo kept >many/09.exr
     mpirun --oversubscribe -n 3 ./rank.sh "${flags[@]}" --out many/%02d.exr --resume 2>log
-    grep -q '10 images were there and are kept, 2 are new' log || { cat log; fail "other pictures were kept"; }
+    grep -q '10 existing images are kept, 2 are new' log || { cat log; fail "other pictures were kept"; }
     [ "$(cat many/09.exr)" = kept ] || fail "a picture was replaced"
     cp one/09.exr many/
     same_files
@@ -101,7 +101,7 @@ a_job_that_is_told_to_end_ends_and_can_be_resumed() {
     [ "$before" -lt 100 ] || fail "it went on to the end"
     for file in many/*.exr; do "$bin/relight-diff" "$file" "$file" >/dev/null || fail "$file is not whole"; done
     "$render" "${frames[@]}" --frames 0-"$before" --out many/%02d.exr --resume 2>log
-    grep -q 'images were there and are kept' log || { cat log; fail "nothing was kept"; }
+    grep -q 'existing images are kept' log || { cat log; fail "nothing was kept"; }
 }
 
 # The command of docs/clusters.md, with smaller and fewer pictures.
@@ -139,7 +139,7 @@ RUN
 resume_works_alone_and_keeps_what_is_there() {
     "$render" "${small[@]}" --frames 0-3 --samples 1 --out one/%d.exr
     echo kept >many/1.exr
-    expect 0 '1 images were there and are kept, 3 are new' "$render" "${small[@]}" --frames 0-3 --samples 1 --out many/%d.exr --resume
+    expect 0 '1 existing images are kept, 3 are new' "$render" "${small[@]}" --frames 0-3 --samples 1 --out many/%d.exr --resume
     [ "$(cat many/1.exr)" = kept ] || fail "a picture was replaced"
     cp one/1.exr many/
     same_files
