@@ -43,15 +43,19 @@ struct cone {
  * changes. */
 struct footprint {
     struct vec3 step[2]; /* m */
-    struct vec3 turn[2]; /* perpendicular to the shading normal, radians */
+    struct vec3 shading; /* the interpolated normal, */
+    struct vec3 turn[2]; /* and its change, perpendicular to it, radians: by cone_bend */
 };
 
 void cone_begin(struct cone *c, struct vec3 dir, float angle); /* from one point, neighbours `angle` radians apart */
 float cone_width(const struct cone *c);                        /* radians; finite */
 
 /* Transfers the differentials to the surface that the ray hits. */
-void cone_meet(const struct cone *c, const struct scene *scene, const struct hit *h, const struct surface *s,
-               struct vec3 dir, struct footprint *out);
+void cone_meet(const struct cone *c, const struct hit *h, const struct surface *s, struct vec3 dir,
+               struct footprint *out);
+
+/* Fills `turn`, which only mirrors and glass need. */
+void cone_bend(const struct scene *scene, const struct hit *h, struct footprint *at);
 
 /* The same as steps in the mesh's first and second texture coordinates (scatter_on). */
 void cone_uv(const struct scene *scene, const struct hit *h, const struct footprint *at, float uv_step[4][2]);

@@ -123,7 +123,7 @@ static float see(const struct sight *s, const struct branch *b, const struct hit
     float uv_step[4][2];
 
     rays_surface(s->rays, h, vec3_scale(b->dir, -1.0f), &at->surface);
-    cone_meet(&b->cone, s->scene, h, &at->surface, b->dir, footprint);
+    cone_meet(&b->cone, h, &at->surface, b->dir, footprint);
     cone_uv(s->scene, h, footprint, uv_step);
     scatter_on(s->scene, h, uv_step, at);
     const struct material *m = &s->scene->materials[at->material];
@@ -160,13 +160,15 @@ static void add_glow(struct chain *c, const struct branch *b, struct vec3 emissi
 
 /* The branch ends at a layer of the surface, continues, or both. */
 static void end_or_continue(struct chain *c, const struct branch *b, const struct hit *h, const struct scatter *at,
-                            const struct footprint *footprint, float coverage)
+                            struct footprint *footprint, float coverage)
 {
     struct delta_ray out[2];
 
     if (at->rough && coverage > 0.0f)
         add_rough(c, b, h, at);
     const uint32_t count = scatter_eye(at, b->dir, out);
+    if (count > 0)
+        cone_bend(c->sight->scene, h, footprint);
     for (uint32_t i = 0; i < count; i++) {
         struct branch next = *b;
         next.origin = out[i].origin;

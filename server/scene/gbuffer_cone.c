@@ -104,8 +104,8 @@ static struct vec3 crosswise(struct vec3 d, struct vec3 dir)
     return vec3_sub(d, vec3_scale(dir, vec3_dot(d, dir)));
 }
 
-void cone_meet(const struct cone *c, const struct scene *scene, const struct hit *h, const struct surface *s,
-               struct vec3 dir, struct footprint *out)
+void cone_meet(const struct cone *c, const struct hit *h, const struct surface *s, struct vec3 dir,
+               struct footprint *out)
 {
     const float cosine = vec3_dot(dir, s->geometric);
     const float against = fabsf(cosine) > COS_MIN ? cosine : copysignf(COS_MIN, cosine);
@@ -114,8 +114,14 @@ void cone_meet(const struct cone *c, const struct scene *scene, const struct hit
     for (int k = 0; k < 2; k++) {
         const struct vec3 moved = vec3_add(c->origin[k], vec3_scale(c->dir[k], h->t));
         out->step[k] = vec3_sub(moved, vec3_scale(dir, vec3_dot(moved, s->geometric) / against));
-        out->turn[k] = normal_change(&scene->meshes[h->mesh], h, s->shading, out->step[k]);
     }
+    out->shading = s->shading;
+}
+
+void cone_bend(const struct scene *scene, const struct hit *h, struct footprint *at)
+{
+    for (int k = 0; k < 2; k++)
+        at->turn[k] = normal_change(&scene->meshes[h->mesh], h, at->shading, at->step[k]);
 }
 
 void cone_turn(const struct cone *c, const struct footprint *at, const struct scatter *s, struct vec3 dir,
