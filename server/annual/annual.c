@@ -311,6 +311,7 @@ static enum err run_moment(struct annual *a, size_t i, struct reason *why)
     daylight_render(a->weather, m, a->frame.rgb);
     a->frame.number = m->number;
     moment_name(m, a->frame.name, sizeof(a->frame.name));
+    ranks_ask(a->desc.ranks); /* the number arrives meanwhile */
     e = light_frame(a, &open_lux, why);
     if (e)
         return e;

@@ -52,6 +52,8 @@ uint64_t ranks_sum(struct ranks *r, uint64_t own);
 /* The next number from the shared counter, which begins at 0; no two ranks get the same one. UINT64_MAX after
  * ranks_stop. r must not be NULL. */
 uint64_t ranks_take(struct ranks *r);
+/* Asks for the number that the next ranks_take returns, so that it need not wait: call it shortly before. */
+void ranks_ask(struct ranks *r);
 /* From now on ranks_take returns no numbers on any rank. */
 void ranks_stop(struct ranks *r);
 

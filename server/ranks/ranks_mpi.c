@@ -20,7 +20,10 @@
 #define POLL_NS 1000000             /* MPI's own waits spin, on processors that other ranks may need */
 #define SOON_NS 100000              /* likewise, for the first */
 #define SOON 100                    /* polls: an answer within a frame comes as soon as it can */
-#define KEEP_NS 500000              /* until the keeper looks again */
+#define KEEP_NS 500000              /* until the keeper looks again: at least, while an answer is sent; */
+#define EXPECT_NS 1000000           /* while messages are expected or posted; */
+#define CALM_NS 10000000            /* at most */
+#define CALM_PARTS 8                /* while numbers are taken: this part of the time since the last one */
 #define GONE_S 0.3                  /* after the signal to stop, a rank that does not answer is taken to be gone */
 #define STOPPED (UINT64_C(1) << 62) /* added to the counter: more than there are frames */
 #define TAG_SIZE 1
@@ -38,6 +41,8 @@ struct ranks {
     pthread_t keeper;
     bool has_keeper;
     atomic_bool leaving;
+    atomic_bool sending, posting, open[2]; /* for the keeper: messages under way; open: of a turn */
+    pthread_mutex_t sent_lock;             /* who tests `sent` */
     const atomic_bool *stop;
     bool lost;                 /* stopped while it waited for a rank */
     struct turn {              /* rank 0's */
@@ -49,6 +54,11 @@ struct ranks {
     MPI_Request posted; /* of another rank: its last post, */
     uint8_t *post;      /* and its bytes */
     int ended;          /* rank 0: ranks whose last message has arrived */
+    bool asked;         /* another rank: for a number, */
+    uint64_t number;    /* which comes here */
+    MPI_Request took;
+    uint64_t more;      /* what was added */
+    MPI_Request took_sent;
 };
 
 static void rest(void)
@@ -81,22 +91,66 @@ static enum err wait_or_stop(struct ranks *r, MPI_Request *q)
     return r->lost ? ERR_IO : ERR_OK;
 }
 
+/* Other ranks than 0. */
+static void ask_counter(struct ranks *r, uint64_t more)
+{
+    r->asked = true;
+    r->more = more;
+    MPI_Irecv(&r->number, 1, MPI_UINT64_T, 0, TAG_TAKE, MPI_COMM_WORLD, &r->took);
+    MPI_Isend(&r->more, 1, MPI_UINT64_T, 0, TAG_TAKE, MPI_COMM_WORLD, &r->took_sent);
+}
+
+static uint64_t answered(struct ranks *r)
+{
+    wait_for(&r->took_sent);
+    wait_for(&r->took);
+    r->asked = false;
+    return r->number;
+}
+
+/* A sent answer no longer needs the keeper. The main thread may be waiting for it. */
+static void follow_sent(struct ranks *r)
+{
+    int done = 0;
+
+    if (!atomic_load(&r->sending) || pthread_mutex_trylock(&r->sent_lock))
+        return;
+    if (MPI_Test(&r->sent, &done, MPI_STATUS_IGNORE) == MPI_SUCCESS && done)
+        atomic_store(&r->sending, false);
+    pthread_mutex_unlock(&r->sent_lock);
+}
+
+/* Each look costs some 12 microseconds of a processor that lights pictures. */
+static long pause_ns(struct ranks *r, double calm_s)
+{
+    const double calm_ns = 1e9 * calm_s / CALM_PARTS;
+
+    if (atomic_load(&r->sending))
+        return KEEP_NS;
+    if (atomic_load(&r->open[0]) || atomic_load(&r->open[1]) || atomic_load(&r->posting))
+        return EXPECT_NS;
+    return calm_ns < KEEP_NS ? KEEP_NS : calm_ns > CALM_NS ? CALM_NS : (long)calm_ns;
+}
+
 /* A thread, because messages make progress only inside MPI, which the main thread may not enter during a frame. On rank
  * 0 it also gives the other ranks their numbers; MPI's own one-sided access would do that, but Debian's Open MPI has
  * none between hosts that TCP joins. Both messages are so short that no call waits. */
 static void *keep_moving(void *context)
 {
     struct ranks *r = context;
+    double taken_s = clock_seconds();
 
     while (!atomic_load(&r->leaving)) {
         MPI_Status status;
         uint64_t more, before;
         int found = 0;
+        follow_sent(r);
         MPI_Iprobe(MPI_ANY_SOURCE, TAG_TAKE, MPI_COMM_WORLD, &found, &status);
         if (!found) {
-            nanosleep(&(struct timespec){ 0, KEEP_NS }, NULL);
+            nanosleep(&(struct timespec){ 0, pause_ns(r, clock_seconds() - taken_s) }, NULL);
             continue;
         }
+        taken_s = clock_seconds();
         MPI_Recv(&more, 1, MPI_UINT64_T, status.MPI_SOURCE, TAG_TAKE, MPI_COMM_WORLD, MPI_STATUS_IGNORE);
         before = atomic_fetch_add(&r->counter, more);
         MPI_Send(&before, 1, MPI_UINT64_T, status.MPI_SOURCE, TAG_TAKE, MPI_COMM_WORLD);
@@ -196,6 +250,7 @@ static enum err start_keeper(struct ranks *r, struct reason *why)
 
 static void release(struct ranks *r)
 {
+    pthread_mutex_destroy(&r->sent_lock);
     mem_free(r->turn[0].expected);
     mem_free(r->turn[1].expected);
     mem_free(r);
@@ -220,6 +275,7 @@ enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct 
     find_place(r);
     r->posted = MPI_REQUEST_NULL;
     r->sent = MPI_REQUEST_NULL;
+    pthread_mutex_init(&r->sent_lock, NULL);
     for (int turn = 0; turn < 2; turn++) {
         MPI_Request *all = mem_alloc((size_t)r->count, sizeof(*all));
         if (!all)
@@ -263,6 +319,8 @@ void ranks_destroy(struct ranks *r)
         release(r);
         return;
     }
+    if (r->asked)
+        (void)answered(r);
     MPI_Ibarrier(MPI_COMM_WORLD, &q);
     wait_for(&q);
     end_keeper(r);
@@ -347,21 +405,23 @@ uint64_t ranks_sum(struct ranks *r, uint64_t own)
 
 static uint64_t add_to_counter(struct ranks *r, uint64_t more)
 {
-    uint64_t before = 0;
-    MPI_Request sent, received;
-
     if (r->own == 0)
         return atomic_fetch_add(&r->counter, more);
-    MPI_Irecv(&before, 1, MPI_UINT64_T, 0, TAG_TAKE, MPI_COMM_WORLD, &received);
-    MPI_Isend(&more, 1, MPI_UINT64_T, 0, TAG_TAKE, MPI_COMM_WORLD, &sent);
-    wait_for(&sent);
-    wait_for(&received);
-    return before;
+    if (r->asked) /* for a number that is not needed */
+        (void)answered(r);
+    ask_counter(r, more);
+    return answered(r);
+}
+
+void ranks_ask(struct ranks *r)
+{
+    if (r && r->own > 0 && !r->asked)
+        ask_counter(r, 1);
 }
 
 uint64_t ranks_take(struct ranks *r)
 {
-    const uint64_t next = add_to_counter(r, 1);
+    const uint64_t next = r->asked ? answered(r) : add_to_counter(r, 1);
 
     return next < STOPPED ? next : UINT64_MAX;
 }
@@ -405,6 +465,7 @@ enum err ranks_begin_broadcast(struct ranks *r, int turn, void *bytes, size_t si
 {
     struct turn *t = &r->turn[turn];
 
+    atomic_store(&r->open[turn], true);
     for (size_t at = 0; at < size; at += PIECE) {
         const int n = size - at < PIECE ? (int)(size - at) : PIECE;
         if (t->pieces == PIECES)
@@ -437,12 +498,16 @@ enum err ranks_receive(struct ranks *r, int turn, double *waited)
         if (waited)
             waited[k] = clock_seconds() - start;
     }
+    atomic_store(&r->open[turn], false);
     return e;
 }
 
 enum err ranks_sent(struct ranks *r)
 {
-    return r->sent == MPI_REQUEST_NULL ? ERR_OK : wait_or_stop(r, &r->sent);
+    pthread_mutex_lock(&r->sent_lock);
+    const enum err e = r->sent == MPI_REQUEST_NULL ? ERR_OK : wait_or_stop(r, &r->sent);
+    pthread_mutex_unlock(&r->sent_lock);
+    return e;
 }
 
 enum err ranks_send(struct ranks *r, const void *bytes, size_t size)
@@ -451,7 +516,10 @@ enum err ranks_send(struct ranks *r, const void *bytes, size_t size)
 
     if (e || size > INT32_MAX)
         return e ? e : ERR_RANGE;
+    pthread_mutex_lock(&r->sent_lock);
     MPI_Isend(bytes, (int)size, MPI_BYTE, 0, TAG_PART, MPI_COMM_WORLD, &r->sent);
+    atomic_store(&r->sending, true);
+    pthread_mutex_unlock(&r->sent_lock);
     return ERR_OK;
 }
 
@@ -466,6 +534,7 @@ enum err ranks_post(struct ranks *r, const void *bytes, size_t size)
         return ERR_NOMEM;
     if (size > 0)
         memcpy(r->post, bytes, size);
+    atomic_store(&r->posting, true);
     MPI_Isend(r->post, (int)size, MPI_BYTE, 0, TAG_POST, MPI_COMM_WORLD, &r->posted);
     return ERR_OK;
 }

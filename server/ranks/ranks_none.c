@@ -60,6 +60,11 @@ uint64_t ranks_sum(struct ranks *r, uint64_t own)
     return own;
 }
 
+void ranks_ask(struct ranks *r)
+{
+    (void)r;
+}
+
 uint64_t ranks_take(struct ranks *r)
 {
     (void)r;

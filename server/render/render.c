@@ -217,6 +217,8 @@ static enum err render_frame(struct render *r, struct reason *why)
         return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for the light samples", r->frame.name) : e;
     relight_lamps_add(r->lamps, r->desc.setup.initial.lamps, r->rgb);
     const double start = clock_seconds();
+    if (render_deals(r)) /* the number arrives meanwhile */
+        ranks_ask(r->desc.ranks);
     e = render_changes(r, &stats, why);
     if (e)
         return e;

@@ -234,11 +234,28 @@ struct wanted {
     const struct transport_frame *frame;
 };
 
+static bool is_listed(const struct packet_list *list, uint32_t packet)
+{
+    uint32_t low = 0, high = list->count;
+
+    while (low < high) {
+        const uint32_t middle = low + (high - low) / 2;
+        if (list->index[middle] < packet)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < list->count && list->index[low] == packet;
+}
+
+/* Whether is_asked_for holds for the packet's block, without a search for that; it may also hold for a few more. */
 static bool wants(const void *context, uint32_t packet)
 {
     const struct wanted *w = context;
+    const struct transport_frame *f = w->frame;
 
-    return is_asked_for(w->frame, transport_block_of(w->transport, packet));
+    return (packet < f->end && packet + TRANSPORT_PACKETS > f->first) ||
+           (f->narrow == TRANSPORT_NARROW_ALL && is_listed(&w->transport->narrow, packet));
 }
 
 /* A block's light from cells and gazes. */
