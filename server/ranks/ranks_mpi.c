@@ -2,7 +2,6 @@
 #include "ranks/ranks.h"
 
 #include "base/clock.h"
-#include "base/digest.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "ranks/ranks_parts.h"
@@ -55,10 +54,8 @@ struct ranks {
     uint8_t *post;      /* and its bytes */
     int ended;          /* rank 0: ranks whose last message has arrived */
     bool asked;         /* another rank: for a number, */
-    uint64_t number;    /* which comes here */
-    MPI_Request took;
-    uint64_t more;      /* what was added */
-    MPI_Request took_sent;
+    uint64_t number, more; /* which comes here; what is added */
+    MPI_Request took, asking;
 };
 
 static void rest(void)
@@ -97,12 +94,12 @@ static void ask_counter(struct ranks *r, uint64_t more)
     r->asked = true;
     r->more = more;
     MPI_Irecv(&r->number, 1, MPI_UINT64_T, 0, TAG_TAKE, MPI_COMM_WORLD, &r->took);
-    MPI_Isend(&r->more, 1, MPI_UINT64_T, 0, TAG_TAKE, MPI_COMM_WORLD, &r->took_sent);
+    MPI_Isend(&r->more, 1, MPI_UINT64_T, 0, TAG_TAKE, MPI_COMM_WORLD, &r->asking);
 }
 
 static uint64_t answered(struct ranks *r)
 {
-    wait_for(&r->took_sent);
+    wait_for(&r->asking);
     wait_for(&r->took);
     r->asked = false;
     return r->number;
@@ -128,7 +125,7 @@ static long pause_ns(struct ranks *r, double calm_s)
     if (atomic_load(&r->sending))
         return KEEP_NS;
     if (atomic_load(&r->open[0]) || atomic_load(&r->open[1]) || atomic_load(&r->posting))
-        return EXPECT_NS;
+        return r->local < r->count ? EXPECT_NS : 2 * EXPECT_NS; /* on one host a look copies a message */
     return calm_ns < KEEP_NS ? KEEP_NS : calm_ns > CALM_NS ? CALM_NS : (long)calm_ns;
 }
 
@@ -158,73 +155,22 @@ static void *keep_moving(void *context)
     return NULL;
 }
 
-/* ---- What ranks must have in common ---- */
-
-struct identity {
-    char host[64], level[16];
-    struct digest program, arguments;
-};
-
-/* Of the running program's file; on an error, of none of it. */
-static void digest_program(struct digest *d)
-{
-    char block[1 << 16];
-    FILE *f = fopen("/proc/self/exe", "rb");
-    size_t n;
-
-    while (f && (n = fread(block, 1, sizeof(block), f)) > 0)
-        digest_bytes(d, block, n);
-    if (f)
-        fclose(f);
-}
-
-static void identify(const struct ranks_desc *desc, struct identity *own)
-{
-    memset(own, 0, sizeof(*own));
-    gethostname(own->host, sizeof(own->host) - 1);
-    digest_program(&own->program);
-    snprintf(own->level, sizeof(own->level), "%s", desc->level);
-    for (int k = 1; k < desc->argc; k++)
-        digest_bytes(&own->arguments, desc->argv[k], strlen(desc->argv[k]));
-}
-
-/* All ranks see the same list, and so come to the same result. */
-static enum err compare(const struct identity *all, int count, const char *program, struct reason *why)
-{
-    for (int k = 1; k < count; k++) {
-        if (memcmp(&all[k].program, &all[0].program, sizeof(all[0].program)) != 0)
-            return err_say(why, ERR_USAGE,
-                           "rank 0 on %s and rank %d on %s are different builds of %s, whose images "
-                           "may differ: install the same one on all hosts",
-                           all[0].host, k, all[k].host, program);
-        if (strcmp(all[k].level, all[0].level) != 0)
-            return err_say(why, ERR_USAGE,
-                           "rank 0 on %s would use CPU level %s and rank %d on %s %s, whose images may differ by "
-                           "rounding: add --cpu %s",
-                           all[0].host, all[0].level, k, all[k].host, all[k].level,
-                           strcmp(all[k].level, all[0].level) < 0 ? all[k].level : all[0].level);
-        if (memcmp(&all[k].arguments, &all[0].arguments, sizeof(all[0].arguments)) != 0)
-            return err_say(why, ERR_USAGE, "rank %d has other flags than rank 0: give all ranks the same", k);
-    }
-    return ERR_OK;
-}
+/* ---- Joining and leaving ---- */
 
 static enum err meet(const struct ranks *r, const struct ranks_desc *desc, struct reason *why)
 {
-    struct identity own, *all = mem_alloc((size_t)r->count, sizeof(*all));
+    struct rank_identity own, *all = mem_alloc((size_t)r->count, sizeof(*all));
     MPI_Request q;
 
     if (!all)
         ranks_abort(r, "out of memory");
-    identify(desc, &own);
+    rank_identify(desc, &own);
     MPI_Iallgather(&own, sizeof(own), MPI_BYTE, all, sizeof(own), MPI_BYTE, MPI_COMM_WORLD, &q);
     wait_for(&q);
-    const enum err e = compare(all, r->count, desc->program, why);
+    const enum err e = rank_compare(all, r->count, desc->program, why);
     mem_free(all);
     return e;
 }
-
-/* ---- Joining and leaving ---- */
 
 static void find_place(struct ranks *r)
 {

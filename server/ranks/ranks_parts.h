@@ -1,6 +1,10 @@
-/* Tests whether a launcher has started this process as one of several. Private to this room. */
+/* Whether a launcher has started this process as one of several, and whether the processes of a job are alike. Private
+ * to this room. */
 #ifndef RANKS_RANKS_PARTS_H
 #define RANKS_RANKS_PARTS_H
+
+#include "base/digest.h"
+#include "ranks/ranks.h"
 
 #include <stdbool.h>
 #include <stdlib.h>
@@ -19,5 +23,16 @@ static inline bool ranks_launched(void)
     }
     return getenv("PMIX_RANK") && tasks && atoi(tasks) > 1;
 }
+
+/* ---- ranks_identity.c ---- */
+
+struct rank_identity {
+    char host[64], level[16];
+    struct digest program, arguments;
+};
+
+void rank_identify(const struct ranks_desc *desc, struct rank_identity *own);
+/* ERR_USAGE: they differ. All ranks see the same list, and so come to the same result. */
+MUST_CHECK enum err rank_compare(const struct rank_identity *all, int count, const char *program, struct reason *why);
 
 #endif

@@ -15,7 +15,8 @@
 #define MARGIN_FIRST 0.75    /* this part during the first pictures, in which the shares are measured */
 #define HANDED 0.45 /* of a mean share, with two ranks: by how much memory may exceed the initial share; with more */
 #define HANDED_MIN 0.02 /* it falls by the cube of the others, to this, since memory is to fall as 1/N */
-#define RANGE 2.0       /* initial shares differ from the mean by 2^-RANGE .. 2^RANGE */
+#define RANGE 2.0       /* initial shares differ from the mean by 2^-RANGE .. 2^RANGE, */
+#define MEASURED_S 0.5  /* unless every G-buffer took less processor time than this, which tells too little */
 
 /* By how much a rank's memory may exceed its initial share, as a part of it. */
 static double handed(const struct team *t)
@@ -85,7 +86,7 @@ void team_share_out(struct team *t)
     const uint32_t packets = set->gbuffer->packet_count;
     double mean = 0.0, whole = 0.0, at = 0.0;
 
-    ranks_share_number(t->desc.ranks, 1.0 / fmax(set->gbuffer_cost_s, 1e-6), t->weight);
+    ranks_share_number(t->desc.ranks, 1.0 / fmax(set->gbuffer_cost_s, MEASURED_S), t->weight);
     for (uint32_t k = 0; k < t->count; k++)
         mean += t->weight[k] / t->count;
     for (uint32_t k = 0; k < t->count; k++) {
