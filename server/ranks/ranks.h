@@ -28,9 +28,9 @@ struct ranks_desc {
 
 bool ranks_available(void); /* whether this build has MPI */
 
-/* Collective. Joins the job, if there is one; *out is NULL if not. ERR_USAGE: the ranks differ; *why names the
- * difference on rank 0 and is "" on others. ERR_UNSUPPORTED: this build has no MPI, or the MPI does not allow threads.
- * ERR_NOMEM. */
+/* Collective. Joins the job, if there is one; *out is NULL if not. ERR_USAGE: the ranks differ. ERR_UNSUPPORTED: the
+ * MPI does not allow threads; in both cases rank 0 has logged the reason and *why is "". ERR_UNSUPPORTED with a reason:
+ * this build has no MPI. ERR_NOMEM. */
 MUST_CHECK enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct reason *why);
 /* Collective. Leaves the job once all ranks do. NULL is allowed. */
 void ranks_destroy(struct ranks *r);

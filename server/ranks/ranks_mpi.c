@@ -237,8 +237,9 @@ enum err ranks_create(const struct ranks_desc *desc, struct ranks **out, struct 
     if (!e)
         e = meet(r, desc, why);
     if (e) {
-        if (r->own != 0) /* rank 0 reports it */
-            why->text[0] = '\0';
+        if (r->own == 0) /* before another rank's end makes mpirun kill this one */
+            log_error("%s", why->text);
+        why->text[0] = '\0';
         MPI_Finalize();
         release(r);
         return e;
