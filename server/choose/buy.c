@@ -1,5 +1,7 @@
 #include "choose/buy.h"
 
+#include <stddef.h>
+
 static double bias_of(const struct buy_facts *f)
 {
     return f->indirect ? BUY_BIAS_INDIRECT : BUY_BIAS;
@@ -21,12 +23,6 @@ static double build_of(const struct buy_facts *f)
     return BUY_SAMPLES + (f->indirect ? BUY_SAMPLES_INDIRECT : 0.0);
 }
 
-static void answer(struct buy *out, bool yes, const char *why)
-{
-    out->yes = yes;
-    out->why = why;
-}
-
 /* Frames of so many samples each. 0: it never pays. */
 static double break_even_of(const struct buy_facts *f, double samples)
 {
@@ -38,14 +34,13 @@ static double break_even_of(const struct buy_facts *f, double samples)
 void buy_by_counts(const struct buy_facts *f, struct buy *out)
 {
     *out = (struct buy){ .break_even = break_even_of(f, f->samples) };
-    if (!buy_is_allowed(f))
-        answer(out, false, "--allow-bias does not permit its bias");
-    else if ((f->indirect ? BUY_NOISE_INDIRECT : BUY_NOISE) / f->samples < bias_of(f))
-        answer(out, false, "this many samples have less error than its bias");
-    else if (out->break_even <= 0.0)
-        answer(out, false, "a frame from it takes as long");
-    else
-        answer(out, true, "--allow-bias permits its bias");
+    const char *const no = !buy_is_allowed(f) ? "--allow-bias does not permit its bias"
+                           : (f->indirect ? BUY_NOISE_INDIRECT : BUY_NOISE) / f->samples < bias_of(f)
+                               ? "this many samples have less error than its bias"
+                           : out->break_even <= 0.0 ? "a frame from it takes as long"
+                                                    : NULL;
+    out->yes = !no;
+    out->why = no ? no : "--allow-bias permits its bias";
 }
 
 void buy_by_clock(const struct buy_facts *f, struct buy *out)
@@ -55,24 +50,19 @@ void buy_by_clock(const struct buy_facts *f, struct buy *out)
 
     *out = (struct buy){ .build_s = build_of(f) * point_s };
     out->break_even = many ? break_even_of(f, BUY_GOOD_SAMPLES) : saved_s > 0.0 ? out->build_s / saved_s : 0.0;
-    if (!buy_is_allowed(f))
-        answer(out, false, "--allow-bias does not permit its bias");
-    else if (f->made < BUY_MADE || f->sample_s <= 0.0)
-        answer(out, false, "too few frames were measured");
-    else if (f->error <= 0.0)
-        answer(out, false, "the error is not known yet");
-    else if (!buy_suits(f))
-        answer(out, false, "the requested error is below its bias");
-    else if (many)
-        answer(out, true, "as many frames of 64 samples would have taken as long");
-    else if (saved_s <= 0.0)
-        answer(out, false, "a frame from it takes as long");
-    else if (f->frames > 0 && (double)f->frames > out->break_even)
-        answer(out, true, "more frames are to come");
-    else if (f->frames > 0)
-        answer(out, false, "there are too few frames");
-    else if (f->spent_s >= out->build_s)
-        answer(out, true, "as much time has gone into frames");
-    else
-        answer(out, false, "less time has gone into frames");
+    const bool more = f->frames > 0 && (double)f->frames > out->break_even, spent = f->spent_s >= out->build_s;
+    const char *const no = !buy_is_allowed(f)                         ? "--allow-bias does not permit its bias"
+                           : f->made < BUY_MADE || f->sample_s <= 0.0 ? "too few frames were measured"
+                           : f->error <= 0.0                          ? "the error is not known yet"
+                           : !buy_suits(f)                            ? "the requested error is below its bias"
+                           : many                                     ? NULL
+                           : saved_s <= 0.0                           ? "a frame from it takes as long"
+                           : f->frames > 0                            ? more ? NULL : "there are too few frames"
+                           : spent                                    ? NULL
+                                                                      : "less time has gone into frames";
+    out->yes = !no;
+    out->why = no     ? no
+               : many ? "as many frames of 64 samples would have taken as long"
+               : more ? "more frames are to come"
+                      : "as much time has gone into frames";
 }

@@ -175,12 +175,14 @@ static void measure_of(const struct yardstick *y, uint32_t pixel, const double p
     }
 }
 
-static void resolve(const struct gbuffer *g, uint32_t pixel, const float *lo, double out[3])
+/* A pixel of float[packet_count][3][16] by its shade points; without g of float[height][width][3]. */
+static void read_pixel(const struct gbuffer *g, uint32_t pixel, const float *from, double out[3])
 {
-    out[0] = out[1] = out[2] = 0.0;
-    for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1]; k++) {
+    for (int c = 0; c < 3; c++)
+        out[c] = g ? 0.0 : (double)from[3 * (size_t)pixel + (size_t)c];
+    for (uint32_t k = g ? g->entry_first[pixel] : 0; g && k < g->entry_first[pixel + 1]; k++) {
         const struct gbuffer_entry *entry = &g->entries[k];
-        const float *at = lo + (size_t)(entry->point / PACKET) * 3 * PACKET + entry->point % PACKET;
+        const float *at = from + (size_t)(entry->point / PACKET) * 3 * PACKET + entry->point % PACKET;
         for (int c = 0; c < 3; c++)
             out[c] += (double)entry->weight[c] * (double)at[c * PACKET];
     }
@@ -201,8 +203,8 @@ static struct pair pair_of(const double a[3], const double b[3], const double me
 
 /* A pixel's difference is D = sum w_k d_k over its points. Each point gets w_k d_k D, so that their sum is D^2, whether
  * their errors are independent or, because of shared light samples, correlated. */
-static void add_points(const struct gbuffer *g, uint32_t pixel, const float *a, const float *b, const double apart[3],
-                       const double measure[3], float (*error)[PACKET])
+static void add_points(const struct gbuffer *g, uint32_t pixel, const float *a, const float *b, const double first[3],
+                       const double second[3], const double measure[3], float (*error)[PACKET])
 {
     for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1]; k++) {
         const struct gbuffer_entry *entry = &g->entries[k];
@@ -211,7 +213,8 @@ static void add_points(const struct gbuffer *g, uint32_t pixel, const float *a, 
         double sum = 0.0;
         for (size_t c = 0; c < 3; c++) {
             const double own = (double)a[at + c * PACKET] - (double)b[at + c * PACKET];
-            sum += measure[c] > 0.0 ? (double)entry->weight[c] * own * apart[c] / (6.0 * measure[c]) : 0.0;
+            sum +=
+                measure[c] > 0.0 ? (double)entry->weight[c] * own * (first[c] - second[c]) / (6.0 * measure[c]) : 0.0;
         }
         error[packet][entry->point % PACKET] += (float)sum;
     }
@@ -227,8 +230,8 @@ static double tile_means(struct groups *s, const struct group *group, const floa
     for (uint32_t k = 0; k < group->pixel_count; k++) {
         struct tile_mean *mean = &t->mean[tile_of(s->gbuffer, t, group->pixels[k])];
         double first[3], second[3];
-        resolve(s->gbuffer, group->pixels[k], a, first);
-        resolve(s->gbuffer, group->pixels[k], b, second);
+        read_pixel(s->gbuffer, group->pixels[k], a, first);
+        read_pixel(s->gbuffer, group->pixels[k], b, second);
         mean->pixels += 1.0;
         for (int c = 0; c < 3; c++) {
             mean->rgb[c] += (0.5 * (first[c] + second[c]) - mean->rgb[c]) / mean->pixels;
@@ -238,14 +241,34 @@ static double tile_means(struct groups *s, const struct group *group, const floa
     return all;
 }
 
-struct pair pair_of_points(struct groups *s, const struct group *group, const float *a, const float *b,
-                           const struct yardstick *y, float (*error)[PACKET])
+/* The means of pair_of_points; without g those of pair_of_pictures. */
+static struct pair pair_of_group(const struct gbuffer *g, const struct tiles *tiles, const struct group *group,
+                                 const float *a, const float *b, const struct yardstick *y, float (*error)[PACKET])
 {
     static const double none[3] = { 0.0, 0.0, 0.0 };
     const double pixels = fmax(1.0, group->pixel_count);
-    const struct gbuffer *g = s->gbuffer;
-    struct yardstick own = *y;
     double noise = 0.0, energy = 0.0;
+
+#pragma omp parallel for schedule(static) reduction(+ : noise, energy)
+    for (uint32_t k = 0; k < group->pixel_count; k++) {
+        const uint32_t pixel = group->pixels[k];
+        double first[3], second[3], measure[3];
+        read_pixel(g, pixel, a, first);
+        read_pixel(g, pixel, b, second);
+        measure_of(y, pixel, y->lacks_part && g ? tiles->mean[tile_of(g, tiles, pixel)].rgb : none, measure);
+        const struct pair one = pair_of(first, second, measure);
+        if (error)
+            add_points(g, pixel, a, b, first, second, measure, error);
+        noise += one.error;
+        energy += one.energy;
+    }
+    return (struct pair){ noise / pixels, energy / pixels };
+}
+
+struct pair pair_of_points(struct groups *s, const struct group *group, const float *a, const float *b,
+                           const struct yardstick *y, float (*error)[PACKET])
+{
+    struct yardstick own = *y;
 
     if (y->lacks_part) {
         const double mean = 10.0 * sqrt(y->soft) + tile_means(s, group, a, b);
@@ -253,39 +276,10 @@ struct pair pair_of_points(struct groups *s, const struct group *group, const fl
     }
     for (uint32_t k = 0; error && k < group->list.count; k++)
         memset(error[group->list.index[k]], 0, sizeof(*error));
-#pragma omp parallel for schedule(static) reduction(+ : noise, energy)
-    for (uint32_t k = 0; k < group->pixel_count; k++) {
-        double first[3], second[3], measure[3];
-        resolve(g, group->pixels[k], a, first);
-        resolve(g, group->pixels[k], b, second);
-        measure_of(&own, group->pixels[k],
-                   y->lacks_part ? s->tiles.mean[tile_of(g, &s->tiles, group->pixels[k])].rgb : none, measure);
-        const struct pair one = pair_of(first, second, measure);
-        const double apart[3] = { first[0] - second[0], first[1] - second[1], first[2] - second[2] };
-        if (error)
-            add_points(g, group->pixels[k], a, b, apart, measure, error);
-        noise += one.error;
-        energy += one.energy;
-    }
-    return (struct pair){ noise / pixels, energy / pixels };
+    return pair_of_group(s->gbuffer, &s->tiles, group, a, b, &own, error);
 }
 
 struct pair pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y)
 {
-    const double pixels = fmax(1.0, group->pixel_count);
-    double error = 0.0, energy = 0.0;
-
-#pragma omp parallel for schedule(static) reduction(+ : error, energy)
-    for (uint32_t k = 0; k < group->pixel_count; k++) {
-        const float *p = a + 3 * (size_t)group->pixels[k], *q = b + 3 * (size_t)group->pixels[k];
-        const double first[3] = { p[0], p[1], p[2] }, second[3] = { q[0], q[1], q[2] };
-        double measure[3];
-        if (first[0] + first[1] + first[2] + second[0] + second[1] + second[2] == 0.0)
-            continue;
-        measure_of(y, group->pixels[k], (const double[3]){ 0.0, 0.0, 0.0 }, measure);
-        const struct pair one = pair_of(first, second, measure);
-        error += one.error;
-        energy += one.energy;
-    }
-    return (struct pair){ error / pixels, energy / pixels };
+    return pair_of_group(NULL, NULL, group, a, b, y, NULL);
 }

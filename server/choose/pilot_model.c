@@ -31,16 +31,6 @@ void model_read(struct model *m, const struct reading *r)
     m->known = true;
 }
 
-void model_scale_errors(struct model *m, double factor)
-{
-    m->variance *= factor;
-}
-
-void model_doubt(struct model *m)
-{
-    m->count = m->count > 1 ? 1 : m->count;
-}
-
 void model_age(struct model *m)
 {
     m->fresh = 0;

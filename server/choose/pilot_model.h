@@ -13,7 +13,7 @@ struct reading {
 };
 
 struct model {
-    double variance;               /* error = variance / n */
+    double variance;               /* error = variance / n; scaled when the distribution of samples changes */
     double energy, energy_most;    /* as measured; and one standard error above */
     double weight, light, scatter; /* running means of n^2, n^2 energy, and the squared deviation of the latter */
     double begin_s, unit_s;        /* seconds of a whole picture = begin_s + unit_s n */
@@ -31,10 +31,6 @@ void model_time(struct model *m, double begin_s, double n, double seconds, doubl
 /* Adds the time of a whole picture. */
 void model_ran(struct model *m, double n, double seconds);
 
-/* Multiplies all errors, after a change of the distribution of samples. */
-void model_scale_errors(struct model *m, double factor);
-/* Errors are now relative to another picture: older readings together count as one. */
-void model_doubt(struct model *m);
 /* The sky has changed: old readings serve until the first new one replaces them. */
 void model_age(struct model *m);
 

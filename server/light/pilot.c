@@ -1,5 +1,6 @@
 #include "light/pilot_parts.h"
 
+#include "base/cancel.h"
 #include "base/mem.h"
 #include "base/rng.h"
 #include "resolve/resolve.h"
@@ -12,6 +13,7 @@
 #define LIGHT_EVERY 4     /* frames */
 #define OTHER_LEAST 0.002 /* seconds */
 #define NOISY 0.05        /* relMSE above which single pixels are no yardstick */
+#define FIRST_LEAST 0.3   /* seconds that the first frame may take longer, if time is limited */
 #define FIRST_SHARE 0.2   /* of the first frame's extra time, for a whole picture's direct light, */
 #define FIRST_SAMPLES 4.0 /* with so many samples a point, */
 #define FIRST_SAMPLES_MOST 64.0
@@ -22,12 +24,6 @@ const struct technique techniques[TECHNIQUES] = {
     { "lobes alone", { .method = METHOD_BRDF } },
     { "light by cells and lobes", { .method = METHOD_MIS, .cells = 4, .sun = true, .compensate = COMPENSATE_ON } },
 };
-
-const char *pilot_part_name(enum pilot_part part)
-{
-    static const char *const names[] = { "direct", "eye paths", "light tracer at mirrors and glass", "light tracer" };
-    return names[part];
-}
 
 enum pilot_part pilot_part_of(uint32_t way)
 {
@@ -196,12 +192,6 @@ static void learn_times(struct pilot *p, const struct relight_stats *stats, cons
     }
 }
 
-static bool cancelled(const struct pilot *p)
-{
-    const atomic_bool *c = p->light->direct.cancel;
-    return c && atomic_load_explicit(c, memory_order_relaxed);
-}
-
 /* Renders the picture of the choice and learns from it, unless it was cancelled. */
 static enum err make_picture(struct pilot *p, uint64_t pass, float *rgb, struct relight_stats *stats)
 {
@@ -211,14 +201,15 @@ static enum err make_picture(struct pilot *p, uint64_t pass, float *rgb, struct 
 
     *stats = (struct relight_stats){ 0 };
     const enum err e = relighter_run_passes(p->relighter, p->environment, &passes, rgb, stats, &costs);
-    if (e || cancelled(p))
+    if (e || is_cancelled(p->light->direct.cancel))
         return e;
     learn_times(p, stats, &costs);
     const bool lacked = p->yardstick.lacks_part;
     yardstick_init(&p->yardstick, rgb, p->mask, g->width, g->height);
     p->yardstick.lacks_part = p->choice.way[PILOT_EYE] == WAY_NONE;
-    for (uint32_t way = 0; way < WAYS && lacked != p->yardstick.lacks_part; way++)
-        model_doubt(&p->model[way]);
+    for (uint32_t way = 0; way < WAYS; way++) /* relative to another image, the readings so far count as one */
+        if (lacked != p->yardstick.lacks_part && p->model[way].count > 1)
+            p->model[way].count = 1;
     p->yardstick.noisy = !p->begun || pilot_error(p) > NOISY;
     for (int part = PILOT_AIMED; part < PILOT_PARTS; part++) {
         const uint32_t way = p->choice.way[part];
@@ -236,16 +227,16 @@ static enum err begin(struct pilot *p, const struct pilot_target *target, float 
     pilot_choose(p, target);
     p->choice.n[PILOT_DIRECT] = FIRST_SAMPLES;
     enum err e = make_picture(p, pilot_pass(p), rgb, stats);
-    if (e || cancelled(p))
+    if (e || is_cancelled(p->light->direct.cancel))
         return e;
     const double seconds = p->picture_s;
-    p->bank_s = pilot_first_s(target);
+    p->bank_s = target->seconds > 0.0 ? fmax(FIRST_LEAST, 0.5 * target->seconds) : INFINITY;
     if (p->choice.way[PILOT_DIRECT] != WAY_NONE && p->groups.all.list.count > 0)
         e = pilot_probe_first(
             p, fmin(FIRST_SAMPLES_MOST, fmax(FIRST_SAMPLES, FIRST_SAMPLES * floor(FIRST_SHARE * p->bank_s / seconds))));
-    if (!e && !cancelled(p))
+    if (!e && !is_cancelled(p->light->direct.cancel))
         e = pilot_probe(p, target);
-    p->begun = !e && !cancelled(p);
+    p->begun = !e && !is_cancelled(p->light->direct.cancel);
     p->bank_s = 0.0;
     p->pilot_s += seconds;
     return e;
@@ -266,14 +257,14 @@ enum err pilot_run(struct pilot *p, const struct environment *e, const struct re
     pilot_look_at_sky(p);
     if (!p->begun && e->total_energy > 0.0)
         result = begin(p, target, rgb, stats);
-    if (result || cancelled(p))
+    if (result || is_cancelled(p->light->direct.cancel))
         return result;
     pilot_choose(p, target);
     for (int part = 0; part < PILOT_PARTS; part++)
         if (p->choice.way[part] != WAY_NONE)
             expected_s[part] = model_seconds(&p->model[p->choice.way[part]], p->choice.n[part]);
     result = make_picture(p, light->direct.pass, rgb, stats);
-    if (result || cancelled(p))
+    if (result || is_cancelled(p->light->direct.cancel))
         return result;
     if (p->runs > 0 && e->total_energy > 0.0)
         result = pilot_probe(p, target);

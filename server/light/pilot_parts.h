@@ -116,8 +116,6 @@ void pilot_read_light(struct pilot *p, uint32_t way, double n, float *const half
 MUST_CHECK enum err pilot_probe_first(struct pilot *p, double n);
 /* Measures one technique after the other within the time for measurements. Errors are those of the passes. */
 MUST_CHECK enum err pilot_probe(struct pilot *p, const struct pilot_target *target);
-/* Extra seconds that the first frame may take; INFINITY: until every technique is known. */
-double pilot_first_s(const struct pilot_target *target);
 /* Share of a frame's time that goes to measurements. */
 double pilot_share(const struct pilot *p);
 

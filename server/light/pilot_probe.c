@@ -11,7 +11,6 @@
 #define SETTLED 12
 #define READINGS_WANTED 2 /* of each technique of direct light, before a way counts as known, */
 #define OTHER_WANTED 6    /* and of the others: few pixels show their light, and not in all groups */
-#define FIRST_LEAST 0.3   /* seconds that the first frame may take longer */
 #define BANK_FRAMES 2.0   /* the most time that is saved for measurements */
 #define SKY_SHARE 0.04    /* a change of a cube face's share of the light that makes another sky; */
 #define SKY_RATIO 1.3     /* likewise, of all light */
@@ -58,11 +57,6 @@ static bool all_have(const struct pilot *p, uint32_t more)
 double pilot_share(const struct pilot *p)
 {
     return !all_have(p, 0) ? SHARE_AT_FIRST : !all_have(p, SETTLED) ? SHARE_LATER : SHARE_SETTLED;
-}
-
-double pilot_first_s(const struct pilot_target *target)
-{
-    return target->seconds > 0.0 ? fmax(FIRST_LEAST, 0.5 * target->seconds) : INFINITY;
 }
 
 void pilot_look_at_sky(struct pilot *p)
@@ -112,7 +106,7 @@ static void read_hard(struct pilot *p, uint32_t way, const struct allot_count *c
     p->allot_turns[part]++;
     for (uint32_t k = 0; k < WAYS; k++)
         if (pilot_part_of(k) == part)
-            model_scale_errors(&p->model[k], factor);
+            p->model[k].variance *= factor;
 }
 
 /* One run of a way on a group's packets, into pair[k]. */

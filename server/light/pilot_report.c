@@ -4,6 +4,12 @@
 #include <stdarg.h>
 #include <stdio.h>
 
+const char *pilot_part_name(enum pilot_part part)
+{
+    static const char *const names[] = { "direct", "eye paths", "light tracer at mirrors and glass", "light tracer" };
+    return names[part];
+}
+
 static bool used(const struct pilot *p, enum pilot_part part)
 {
     return p->choice.way[part] != WAY_NONE;
