@@ -149,8 +149,7 @@ struct light_tracer_desc pilot_light(struct pilot *p, uint32_t way, double n, ui
     };
 }
 
-/* The choice as passes of the relighter. */
-static struct picture_passes passes_of(struct pilot *p, uint64_t pass)
+struct picture_passes pilot_passes(struct pilot *p, uint64_t pass)
 {
     const struct choice *c = &p->choice;
     const struct packet_list *all = &p->groups.all.list;
@@ -196,7 +195,7 @@ static void learn_times(struct pilot *p, const struct relight_stats *stats, cons
 static enum err make_picture(struct pilot *p, uint64_t pass, float *rgb, struct relight_stats *stats)
 {
     const struct gbuffer *g = p->set->gbuffer;
-    const struct picture_passes passes = passes_of(p, pass);
+    const struct picture_passes passes = pilot_passes(p, pass);
     struct pass_costs costs;
 
     *stats = (struct relight_stats){ 0 };

@@ -102,6 +102,7 @@ uint64_t pilot_pass(struct pilot *p);        /* a pass number that no picture us
 struct direct_desc pilot_direct(struct pilot *p, uint32_t way, double n, uint64_t pass, const struct packet_list *only);
 struct eye_paths_desc pilot_eye(struct pilot *p, uint32_t way, double n, uint64_t pass, const struct packet_list *only);
 struct light_tracer_desc pilot_light(struct pilot *p, uint32_t way, double n, uint64_t pass);
+struct picture_passes pilot_passes(struct pilot *p, uint64_t pass); /* the choice, as passes of the relighter */
 struct allot_count pilot_count(const struct pilot *p, uint32_t way, double n);
 
 /* ---- pilot_probe.c ---- */
