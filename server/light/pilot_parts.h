@@ -109,6 +109,8 @@ struct allot_count pilot_count(const struct pilot *p, uint32_t way, double n);
 
 /* Ages the readings if the sky has changed since. */
 void pilot_look_at_sky(struct pilot *p);
+/* Whether e has about the energy of a sky before, in all and by faces. */
+bool pilot_same_sky(const double before[CUBE_FACES], const struct environment *e);
 /* Adds the reading from two halves of n units of particles. */
 void pilot_read_light(struct pilot *p, uint32_t way, double n, float *const half[2]);
 /* Measures direct light on the whole picture, n samples per point: finds where it is difficult. Errors are those of

@@ -59,17 +59,23 @@ double pilot_share(const struct pilot *p)
     return !all_have(p, 0) ? SHARE_AT_FIRST : !all_have(p, SETTLED) ? SHARE_LATER : SHARE_SETTLED;
 }
 
-void pilot_look_at_sky(struct pilot *p)
+bool pilot_same_sky(const double before[CUBE_FACES], const struct environment *e)
 {
-    const struct environment *e = p->environment;
     double total = 0.0, apart = 0.0;
 
     for (int f = 0; f < CUBE_FACES; f++)
-        total += p->energy[f];
+        total += before[f];
     for (int f = 0; f < CUBE_FACES && total > 0.0 && e->total_energy > 0.0; f++)
-        apart = fmax(apart, fabs(e->energy[f] / e->total_energy - p->energy[f] / total));
+        apart = fmax(apart, fabs(e->energy[f] / e->total_energy - before[f] / total));
     const double ratio = total > 0.0 ? e->total_energy / total : INFINITY;
-    if (apart <= SKY_SHARE && ratio <= SKY_RATIO && ratio >= 1.0 / SKY_RATIO)
+    return apart <= SKY_SHARE && ratio <= SKY_RATIO && ratio >= 1.0 / SKY_RATIO;
+}
+
+void pilot_look_at_sky(struct pilot *p)
+{
+    const struct environment *e = p->environment;
+
+    if (pilot_same_sky(p->energy, e))
         return;
     memcpy(p->energy, e->energy, sizeof(p->energy));
     p->peakedness = facts_peakedness(e);

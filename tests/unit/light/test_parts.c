@@ -152,8 +152,35 @@ static void each_light_tracer_has_its_count(void **state)
     mem_free(p);
 }
 
+/* At any brightness: another by more than 30 %, or where more than a twenty-fifth of the light has gone to another
+ * face; black before, any is another. */
+static void a_sky_is_the_same_within_a_third(void **state)
+{
+    static const struct {
+        double all, moved; /* times the sky; of a sixth of it, to another face */
+        bool same;
+    } cases[] = { { 1.0, 0.0, true },  { 1.25, 0.0, true }, { 1.35, 0.0, false }, { 0.8, 0.0, true },
+                  { 0.7, 0.0, false }, { 1.0, 0.2, true },  { 1.0, 0.3, false },  { 0.0, 0.0, false } };
+    (void)state;
+
+    for (int dim = 0; dim < 2; dim++) {
+        struct environment *e = sky_environment(sky_constant(32, 16, dim ? 1e-3f : 10.0f), 16, 0.0);
+        for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
+            double before[CUBE_FACES];
+            for (int f = 0; f < CUBE_FACES; f++)
+                before[f] = cases[k].all * e->energy[f];
+            before[2] += cases[k].moved * e->energy[0];
+            before[0] -= cases[k].moved * e->energy[0];
+            if (pilot_same_sky(before, e) != cases[k].same)
+                fail_msg("case %zu of %d", k, dim);
+        }
+        environment_destroy(e);
+    }
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(each_light_tracer_has_its_count),
+    cmocka_unit_test(a_sky_is_the_same_within_a_third),
     cmocka_unit_test(each_stage_has_its_share),
     cmocka_unit_test(the_error_is_that_of_25_pixels),
     cmocka_unit_test(a_frames_time_is_without_its_trials),

@@ -131,10 +131,24 @@ static void a_resolver_keeps_the_bits_whatever_sky_comes(void **state)
     resolver_destroy(NULL);
 }
 
+static void the_mask_has_the_pixels_with_points(void **state)
+{
+    uint32_t first[7] = { 0, 1, 1, 2, 2, 2, 4 };
+    const struct gbuffer g = { .width = 3, .height = 2, .entry_first = first };
+    const uint8_t want[6] = { 1, 0, 1, 0, 0, 1 };
+    uint8_t mask[6];
+    (void)state;
+
+    memset(mask, 7, sizeof(mask));
+    resolve_mask(&g, mask);
+    assert_memory_equal(mask, want, sizeof(want));
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_place_shows_the_bits_that_looking_does),
     cmocka_unit_test(a_wide_eye_has_no_place),
     cmocka_unit_test(a_resolver_keeps_the_bits_whatever_sky_comes),
+    cmocka_unit_test(the_mask_has_the_pixels_with_points),
 };
 
 UNIT_MAIN(tests)
