@@ -26,13 +26,16 @@ static inline bool ranks_launched(void)
 
 /* ---- ranks_identity.c ---- */
 
+/* What must be equal on all ranks of a job, and the host, which names a rank that differs. Plain data, sent as bytes. */
 struct rank_identity {
-    char host[64], level[16];
+    char host[64], level[16]; /* host name; CPU level of the kernels */
     struct digest program, arguments;
 };
 
+/* Fills *own for this process: digests of its executable and of desc's arguments. Thread: the main one. */
 void rank_identify(const struct ranks_desc *desc, struct rank_identity *own);
-/* ERR_USAGE: they differ. All ranks see the same list, and so come to the same result. */
+/* Compares the identities of all `count` ranks. ERR_USAGE if they differ; *why then names the rank and the difference.
+ * All ranks see the same list, so they come to the same result. Thread: the main one. */
 MUST_CHECK enum err rank_compare(const struct rank_identity *all, int count, const char *program, struct reason *why);
 
 #endif
