@@ -264,6 +264,29 @@ static void a_file_is_taken_after_one_frame(void **state)
     kept_remove(folder);
 }
 
+/* A cache without room is given up once, with a warning in the log: the frames' requests succeed, so that their reason
+ * stays as it is. */
+static void what_has_no_room_is_no_ones_error(void **state)
+{
+    struct reason why = { "as it was" };
+    struct relight_desc light = sampled;
+    struct frame_request request = in_time;
+    struct decider d = { .pilot = NULL };
+    struct relighter *r = make();
+    (void)state;
+
+    light.direct.why = &why;
+    light.cache_bytes = 1000;
+    request.light = &light;
+    request.frames_left = 1000;
+    for (uint32_t k = 0; k < BUY_MADE; k++)
+        assert_int_equal(step(&d, r, 1e-2, &request).by, DECIDED_BY_MEASURES);
+    assert_true(d.cache.looked_for && d.cache.last.yes && d.cache.refused);
+    assert_false(d.cache.begun || d.cache.ready);
+    assert_string_equal(why.text, "as it was");
+    relighter_destroy(r);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(each_request_has_one_answer),
     cmocka_unit_test_setup_teardown(bias_is_allowed_and_wishes_are_kept_to, set_up, tear_down),
@@ -271,5 +294,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test_setup_teardown(a_stream_of_frames_gets_it_in_the_background, set_up, tear_down),
     cmocka_unit_test_setup_teardown(first_pictures_hurry, set_up, tear_down),
     cmocka_unit_test_setup_teardown(a_file_is_taken_after_one_frame, set_up, tear_down),
+    cmocka_unit_test_setup_teardown(what_has_no_room_is_no_ones_error, set_up, tear_down),
 };
 UNIT_MAIN(tests)

@@ -1,5 +1,6 @@
 /* What the pilot chooses, by a price list instead of a clock, so that it is the same everywhere: the built-in court,
  * and a card under a mirror ring where casters are wanted. */
+#include "light/pilot_parts.h"
 #include "light/pilots.h"
 
 #include <math.h>
@@ -262,6 +263,65 @@ static void a_black_sky_is_no_trouble(void **state)
     set_destroy(set);
 }
 
+/* Readings are relative to the image. When it begins to lack a part, or has one again, those so far count as one, for
+ * every technique, the first among them; else they keep their weight. Time for measurements is overdrawn, so that no
+ * reading is added. */
+static void readings_of_another_image_count_as_one(void **state)
+{
+    struct set *set = set_of(&(struct set_desc){ .width = WIDTH / 4, .height = HEIGHT / 4 });
+    struct environment *e = sky_environment(sky_overcast(64, 32), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT }; /* an image that lacks eye paths */
+    const struct pilot_target target = { .seconds = 0.05 };
+    struct pilot *p = pilot_of(set);
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    fly(p, e, &light, target, 2, rgb, &stats, &said);
+    for (int had_it = 0; had_it < 2; had_it++) {
+        for (uint32_t way = 0; way < WAYS; way++)
+            p->model[way].count = way; /* 0, 1, 2... */
+        p->model[WAY_DIRECT].count = 9;
+        p->yardstick.lacks_part = !had_it;
+        p->bank_s = -1e3;
+        fly(p, e, &light, target, 1, rgb, &stats, &said);
+        assert_int_equal(p->model[WAY_DIRECT].count, had_it ? 1 : 9);
+        for (uint32_t way = 1; way < WAYS; way++)
+            assert_int_equal(p->model[way].count, had_it ? 1 : way);
+        assert_true(p->yardstick.lacks_part);
+    }
+    pilot_end(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+/* Direct light alone, a sample of which costs 1 ms: of a picture's time, a fiftieth goes to measurements of what is
+ * known well and `other` seconds on what follows from points to pixels, and samples fill the rest, but never less than
+ * a fifth. */
+static void samples_fill_what_is_left_of_the_time(void **state)
+{
+    static const struct {
+        double seconds, other, n;
+    } cases[] = { { 0.1, 0.02, 78.0 }, { 0.1, 0.0, 98.0 }, { 0.1, 1.0, 20.0 }, { 2.0, 0.4, 1560.0 } };
+    const struct environment sky = { .total_energy = 1.0 };
+    (void)state;
+
+    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
+        struct pilot *p = mem_alloc(1, sizeof(*p));
+        assert_non_null(p);
+        p->environment = &sky;
+        p->begun = p->offered[WAY_DIRECT] = true;
+        p->other_s = cases[k].other;
+        p->model[WAY_DIRECT] =
+            (struct model){ .variance = 1.0, .unit_s = 1e-3, .fresh = 1000, .known = true, .timed = true };
+        pilot_choose(p, &(struct pilot_target){ .seconds = cases[k].seconds });
+        assert_int_equal(p->choice.way[PILOT_DIRECT], WAY_DIRECT);
+        if (fabs(p->choice.n[PILOT_DIRECT] - cases[k].n) > 1e-6)
+            fail_msg("%.9g samples, want %g", p->choice.n[PILOT_DIRECT], cases[k].n);
+        mem_free(p);
+    }
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_scene_without_mirrors_runs_no_caustics),
     cmocka_unit_test(an_overcast_sky_gets_no_samples_of_a_sun),
@@ -272,5 +332,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(what_could_fail_unseen_is_not_taken),
     cmocka_unit_test(named_counts_and_estimators_are_kept_to),
     cmocka_unit_test(a_black_sky_is_no_trouble),
+    cmocka_unit_test(readings_of_another_image_count_as_one),
+    cmocka_unit_test(samples_fill_what_is_left_of_the_time),
 };
 UNIT_MAIN(tests)
