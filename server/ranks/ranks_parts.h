@@ -26,7 +26,7 @@ static inline bool ranks_launched(void)
 
 /* ---- ranks_identity.c ---- */
 
-/* What must be equal on all ranks of a job, and the host, which names a rank that differs. Plain data, sent as bytes. */
+/* What must be equal on all ranks of a job, and the host, which names one that differs. Plain data, sent as bytes. */
 struct rank_identity {
     char host[64], level[16]; /* host name; CPU level of the kernels */
     struct digest program, arguments;
