@@ -1,4 +1,4 @@
-/* The cache of interreflection where light goes to and fro so often that sums of series are known. */
+/* The cache of interreflection where light goes to and fro so often that sums of series are known, and a single path. */
 #include "bounce/bounces.h"
 
 /* In a sphere that is open by a share f of its area, 1/4 here, a bounce leaves q = a (1 - f) of the light, so that the
@@ -124,7 +124,47 @@ static void a_closed_box_is_dark(void **state)
     lit_destroy(&x);
 }
 
+/* Beneath a wide leaf, which sends 0.4 * 0.9 of the light back and 0.6 * 0.7 through, and alone under the sky: paths
+ * choose one of its sides, with weights that make up for it, and meet no record, so that all they bring comes from
+ * cells: 0.78 of the sky for a path in the mean. 40,000 paths have an error of 0.005. */
+static void a_leaf_sends_light_to_both_sides(void **state)
+{
+    enum { PATHS = 40000 };
+    const struct material leaf = { .kind = MATERIAL_LAMBERT,
+                                   .diffuse = { 0.9f, 0.9f, 0.9f },
+                                   .transmits = 0.6f,
+                                   .through = { 0.7f, 0.7f, 0.7f },
+                                   .through_texture = MATERIAL_NO_TEXTURE };
+    struct scene *s = scene_from(vec3_make(0, 0, 0), vec3_make(0, 1, 0.1f), 1.0f);
+    struct mesh *m = add_mesh(s, leaf, 3, 1);
+    struct bounce_records records = { .eye = s->cameras[0].position, .angle = 0.01f };
+    struct bounce_spots none = { .at = NULL };
+    struct bounce_ends ends = { .at = NULL };
+    struct rng r = { 11 };
+    double sum = 0.0;
+    (void)state;
+
+    memcpy(m->positions, (const float[]){ -9e3f, 1, -9e3f, 9e3f, 1, -9e3f, 0, 1, 9e3f }, 9 * sizeof(float));
+    memcpy(m->indices, (const uint32_t[]){ 0, 1, 2 }, 3 * sizeof(uint32_t));
+    struct lit x = lit_create(s, 4, 4);
+    assert_int_equal(bounce_records_init(&records, &none, 1), ERR_OK);
+    const struct bounce_world world = { s, x.rays, &records, NULL };
+    for (int k = 0; k < PATHS; k++) {
+        const double z = sqrt(rng_next(&r)), phi = 2.0 * PI * rng_next(&r), side = sqrt(1.0 - z * z);
+        const struct vec3 up = { (float)(side * cos(phi)), (float)z, (float)(side * sin(phi)) };
+        bounce_walk(&world, vec3_make(0, 0, 0), up, &r, &ends);
+    }
+    for (uint32_t k = 0; k < ends.count; k++)
+        sum += (double)ends.at[k].weight[1];
+    printf("%.4f, want 0.78\n", sum / PATHS);
+    assert_true(fabs(sum / PATHS - 0.78) < 0.02);
+    mem_free(ends.at);
+    bounce_records_finish(&records);
+    lit_destroy(&x);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(a_leaf_sends_light_to_both_sides),
     cmocka_unit_test(the_series_ends_when_little_is_left),
     cmocka_unit_test(a_metal_plate_reflects_the_sphere_around),
     cmocka_unit_test(a_closed_box_is_dark),
