@@ -1,4 +1,4 @@
-/* The cache of interreflection where light goes to and fro so often that sums of series are known, and a single path. */
+/* The cache of interreflection where light goes to and fro so often that sums of series are known, and single paths. */
 #include "bounce/bounces.h"
 
 /* In a sphere that is open by a share f of its area, 1/4 here, a bounce leaves q = a (1 - f) of the light, so that the
