@@ -171,12 +171,14 @@ def period(c, ranks, own, rate, delay, processors):
     repeats. Rank 0 sends each order once its own part of the picture before is lit, then waits for the answers to that picture."""
     part, share = (1 - own) / (ranks - 1), max(1.0, (ranks - 1) / max(processors - 1, 1))
     carried = c["carry_s"] * (1 - own) * c["up"] / 2  # of processor time, at either end
-    hops = (ranks - 1).bit_length()  # of a broadcast
+    hops, hop = (ranks - 1).bit_length(), delay + c["down"] / rate  # of a broadcast
+    work = c["light_s"] * part + carried / (ranks - 1)
     sent = lit = free = begin = 0.0
     answer, times = 0.0, []
     for _ in range(60):
-        # Others: the answer to this picture, whose order was sent at `sent`.
-        lit = max(lit, sent + hops * (delay + c["down"] / rate)) + (c["light_s"] * part + carried / (ranks - 1)) * share
+        # Others: the answer to this picture, whose order was sent at `sent`. Ranks that share a processor keep it busy from the first
+        # order's arrival on; none is ready sooner than its own work after the last one's.
+        lit = max(max(lit, sent + hop) + work * share, sent + hops * hop + work)
         free = max(free, lit + 2 * delay) + (1 - own) * c["up"] / rate  # a long message is announced, and then asked for
         answer = free + delay
         # Rank 0: its own part, the next order, this picture's answers, and what only it does.

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""stated.py [--size WxH] [--seeds N] [--pictures N] [--reference N] [--skies NAME,...] [--keep FOLDER] [SCENE...]: how true is
+"""stated.py [--size WxH] [--first SEED] [--seeds N] [--pictures N] [--reference N] [--skies NAME,...] [--keep FOLDER] [SCENE...]: how true is
 the error that images state?
 
 Lights each scene (builtin or a file; the default is court, steps, ring, plaza and foliage) under four skies by
@@ -36,7 +36,7 @@ def lines_of(name, scene, sky, seed, folder, a):
 
 def images(name, scene, sky, folder, a):
     """(way, stated / true, bound / true) of each image."""
-    for seed in range(1, a.seeds + 1):
+    for seed in range(a.first, a.first + a.seeds):
         for line in lines_of(name, scene, sky, seed, folder, a):
             words = line.replace("live cached", "cached-live").split()
             if words[0] != "seed":
@@ -71,7 +71,7 @@ def main():
     p.add_argument("--skies", default=",".join(SKIES))
     p.add_argument("--verbose", action="store_true")
     p.add_argument("--keep", type=Path)
-    for flag, value in (("--seeds", 2), ("--pictures", 2), ("--reference", 4)):
+    for flag, value in (("--first", 1), ("--seeds", 2), ("--pictures", 2), ("--reference", 4)):
         p.add_argument(flag, type=int, default=value)
     a = p.parse_args()
     ways = {}
