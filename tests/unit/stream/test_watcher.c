@@ -160,7 +160,7 @@ static void a_server_that_leaves_says_so(void **state)
     server_drain(s);
     ask(s, "GET", "/snapshot.jpg", NULL, &a);
     assert_int_equal(a.status, 503);
-    assert_string_equal((char *)a.body, "The server is going away.\n");
+    assert_string_equal((char *)a.body, "The server is shutting down.\n");
     client_shut(&viewer);
     server_destroy(s);
 }
