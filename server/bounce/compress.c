@@ -14,6 +14,8 @@
 #define FIRST 0.1  /* ranks of the blocks alone */
 #define SHARED 0.4 /* ranks of the group */
 #define LAST 0.4   /* ranks of the blocks within the group's */
+#define LOCAL 2.0  /* a rank of the group that removes less is kept if it removes so much in one block */
+#define SEVERAL 10.0 /* at so many points, counted by the sum of squares squared over that of fourth powers */
 #define TAIL 0.5   /* share that the coefficients left out of V may have in total */
 
 #define ROWS_MOST (BOUNCE_GROUP * TRANSPORT_POINTS)
@@ -243,6 +245,50 @@ static enum err write_piece(struct bounce_workspace *w, struct bounce_group *g, 
     return q->bytes ? ERR_OK : ERR_NOMEM;
 }
 
+/* Whether a block's share of the group's eigenvector e[n], of which each block has as many numbers as its own rank, is
+ * more than `least` a point, and of SEVERAL points or more: that of fewer is mostly noise. */
+static bool matters_to_one(const struct bounce_workspace *w, const struct bounce_block *blocks, uint32_t count,
+                           uint32_t row, const float *e, double value, double least)
+{
+    for (uint32_t b = 0; b < count; b++) {
+        const struct part *part = &w->parts[row * BOUNCE_GROUP + b];
+        const uint32_t points = blocks[b].packets * PACKET;
+        float at[TRANSPORT_POINTS] = { 0.0f };
+        double square = 0.0, fourth = 0.0;
+        for (uint32_t i = 0; i < part->rank; i++)
+            for (uint32_t p = 0; p < points; p++)
+                at[p] += e[i] * part->u[i][p];
+        for (uint32_t p = 0; p < points; p++) {
+            const double x = (double)at[p] * (double)at[p];
+            square += x;
+            fourth += x * x;
+        }
+        if (value * square > least * points && square * square >= SEVERAL * fourth)
+            return true;
+        e += part->rank;
+    }
+    return false;
+}
+
+/* Of the group's n eigenvectors, smallest values first, the last `rank` are kept. Keeps also those that matter to one
+ * block, such as the light of a surface of which the group has few points, and moves them next to the others. Returns
+ * the number of all that are kept. */
+static uint32_t keep_local(struct bounce_workspace *w, const struct bounce_block *blocks, uint32_t count, uint32_t row,
+                           uint32_t n, uint32_t rank, double least)
+{
+    uint32_t to = n - rank;
+
+    for (uint32_t k = n - rank; k > 0 && (double)w->values[k - 1] > least * PACKET; k--) {
+        float *e = w->gram + (size_t)(k - 1) * n;
+        if (!matters_to_one(w, blocks, count, row, e, (double)w->values[k - 1], least))
+            continue;
+        to--;
+        w->values[to] = w->values[k - 1];
+        memmove(w->gram + (size_t)to * n, e, n * sizeof(*e));
+    }
+    return n - to;
+}
+
 enum err bounce_compress_end(struct bounce_workspace *w, struct bounce_group *g, struct bounce_block *blocks,
                              uint32_t row, double least)
 {
@@ -261,6 +307,8 @@ enum err bounce_compress_end(struct bounce_workspace *w, struct bounce_group *g,
     if (n > 0) {
         cblas_ssyrk(CblasRowMajor, CblasUpper, CblasNoTrans, (int)n, wide, 1.0f, rows, wide, 0.0f, w->gram, (int)n);
         q->rank = decompose(w, w->gram, n, SHARED * least * points);
+        if (row == 0) /* lobes of one block always differ from those of another */
+            q->rank = keep_local(w, blocks, g->count, row, n, q->rank, LOCAL * least);
     }
     if (q->rank == 0) {
         for (uint32_t b = 0; b < g->count; b++)

@@ -323,6 +323,45 @@ static void what_brings_too_little_is_left_out(void **state)
     }
 }
 
+/* Of sixteen blocks, points of the last see other light than all the rest. Their row brings less than the group asks of
+ * a rank, 0.4 a point of all, but it is kept if it brings 2 a point of their block: for sixteen points, not for two. */
+static void what_one_block_would_miss_is_kept(void **state)
+{
+    static float t[TRANSPORT_POINTS][ROW], scale[TRANSPORT_POINTS];
+    const double least = 1e-2;
+    const struct {
+        uint32_t points, rank;
+        double each;
+    } cases[] = { { 16, 2, 8.1 }, { 16, 1, 7.9 }, { 2, 1, 80.0 } };
+    (void)state;
+
+    for (uint32_t p = 0; p < TRANSPORT_POINTS; p++)
+        scale[p] = 1.0f;
+    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
+        struct bounce_block blocks[BOUNCE_GROUP] = { { .first = 0 } };
+        struct bounce_group g = { .count = BOUNCE_GROUP, .rows = 1 };
+        struct bounce_workspace *w = bounce_workspace_create(K);
+        assert_non_null(w);
+        assert_true(cases[k].points * cases[k].each < 0.4 * BOUNCE_GROUP * TRANSPORT_POINTS);
+        bounce_compress_begin(w);
+        for (uint32_t b = 0; b < BOUNCE_GROUP; b++) {
+            blocks[b] = (struct bounce_block){ .first = b * PACKETS, .packets = PACKETS, .rows = 1 };
+            memset(t, 0, sizeof(t));
+            for (uint32_t p = 0; p < TRANSPORT_POINTS; p++) {
+                const bool other = b == BOUNCE_GROUP - 1 && p < cases[k].points;
+                t[p][other] = (float)sqrt(other ? cases[k].each * least : 1.0);
+            }
+            bounce_compress_block(w, b, 0, TRANSPORT_POINTS, t[0], scale, least);
+        }
+        assert_int_equal(bounce_compress_end(w, &g, blocks, 0, least), ERR_OK);
+        assert_int_equal(g.pieces[0].rank, cases[k].rank);
+        for (uint32_t b = 0; b < BOUNCE_GROUP; b++)
+            assert_int_equal(blocks[b].rank[0], b == BOUNCE_GROUP - 1 ? cases[k].rank : 1);
+        mem_free(g.pieces[0].bytes);
+        bounce_workspace_destroy(w);
+    }
+}
+
 /* ---- The basis ---- */
 
 /* Two orthogonal rows of squared length 9 and 1, each twice: eigenvalues 18 and 2, in this order, and nothing else. */
@@ -432,6 +471,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_gradient_stays_as_it_is),
     cmocka_unit_test(rows_in_common_are_stored_once),
     cmocka_unit_test(what_brings_too_little_is_left_out),
+    cmocka_unit_test(what_one_block_would_miss_is_kept),
     cmocka_unit_test(the_basis_is_that_of_the_rows),
     cmocka_unit_test(the_basis_says_what_it_leaves_out),
     cmocka_unit_test(a_cells_directions_are_taken_equally_often),
