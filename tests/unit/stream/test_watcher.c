@@ -146,17 +146,26 @@ static void bad_requests_are_answered_in_a_line(void **state)
     server_destroy(s);
 }
 
-/* Until the last viewer has gone, or is given up. */
+/* Until the last viewer has gone, or is given up: this one takes no bytes, so that it cannot be sent away. */
 static void a_server_that_leaves_says_so(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
+    struct server_counters before = { .bytes = 0 }, now;
     struct client viewer;
     struct answer a;
 
     publish(s, 1, 500);
-    client_greet(&viewer, s);
     assert_int_equal(status_of(s, "/snapshot.jpg", NULL), 200);
+    client_watch(&viewer, s);
+    publish(s, 2, 30000000);
+    for (int waited = 0; waited < CLIENT_WAIT_MS; waited += 100) {
+        sleep_ms(100);
+        server_counters(s, &now);
+        if (now.bytes > 10000 && now.bytes == before.bytes)
+            break;
+        before = now;
+    }
     server_drain(s);
     ask(s, "GET", "/snapshot.jpg", NULL, &a);
     assert_int_equal(a.status, 503);
