@@ -1,5 +1,4 @@
 /* Slow viewers, many threads and much traffic: what one viewer does must not reach another, nor fill the memory. */
-#include "base/log.h"
 #include "stream/client.h"
 
 #include <pthread.h>
@@ -208,57 +207,10 @@ static void a_picture_lives_as_long_as_it_is_held(void **state)
     assert_null(picture_create(&header, (const uint8_t *)"", PICTURE_BYTES_MAX + 1));
 }
 
-/* Lines of the log about connections that were given up. */
-static atomic_int given_up;
-static char lines[2][512];
-
-static void keep_line(enum log_level level, const char *text)
-{
-    const int at = atomic_load(&given_up);
-
-    if (level == LOG_WARNING && strstr(text, "took no bytes") && at < 2) {
-        snprintf(lines[at], sizeof(lines[at]), "%s", text);
-        atomic_store(&given_up, at + 1);
-    }
-}
-
-static bool begins(const char *text, const char *with)
-{
-    return strncmp(text, with, strlen(with)) == 0;
-}
-
-/* A viewer and an HTTP client, for ten seconds in which the kernel takes no byte for them. */
-static void who_takes_no_bytes_is_given_up_by_name(void **state)
-{
-    (void)state;
-    struct server_counters counters;
-    struct client viewer, watcher;
-
-    log_divert(keep_line);
-    struct server *s = server_start(NULL);
-    publish(s, 1, 1000);
-    client_watch(&viewer, s);
-    client_open(&watcher, s);
-    assert_int_equal(client_request(&watcher, "GET /stream.mjpeg HTTP/1.1\r\nHost: localhost\r\n\r\n"), 200);
-    publish(s, 2, 30000000);
-    for (int waited = 0; waited < CLIENT_WAIT_MS && atomic_load(&given_up) < 2; waited += 100)
-        sleep_ms(100);
-    assert_int_equal(atomic_load(&given_up), 2);
-    server_counters(s, &counters);
-    assert_int_equal(counters.stalled, 2);
-    const int of_watcher = strstr(lines[0], "stream.mjpeg") ? 0 : 1;
-    assert_true(begins(lines[of_watcher], "127.0.0.1: /stream.mjpeg closed: it took no bytes for 10 s; "));
-    assert_true(begins(lines[!of_watcher], "127.0.0.1: closed: it took no bytes for 10 s; "));
-    client_shut(&viewer);
-    client_shut(&watcher);
-    server_destroy(s);
-}
-
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_viewer_that_reads_nothing_neither_delays_others_nor_grows_the_server),
     cmocka_unit_test(a_viewer_that_wakes_up_is_at_the_newest_picture_at_once),
     cmocka_unit_test(a_viewer_that_takes_nothing_holds_little_and_does_not_stop_the_end),
-    cmocka_unit_test(who_takes_no_bytes_is_given_up_by_name),
     cmocka_unit_test(threads_publish_while_viewers_come_and_go),
     cmocka_unit_test(connections_that_come_and_go_leave_nothing_behind),
     cmocka_unit_test(a_picture_lives_as_long_as_it_is_held),

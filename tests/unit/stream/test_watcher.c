@@ -1,7 +1,9 @@
 /* Pictures by plain HTTP: single ones and streams, their access, limits and renditions. */
+#include "base/log.h"
 #include "stream/client.h"
 
 #include <errno.h>
+#include <stdatomic.h>
 
 #define HEAD_END "\r\n\r\n"
 
@@ -523,6 +525,52 @@ static void what_is_no_origin_is_refused(void **state)
     }
 }
 
+/* Lines of the log about connections that were given up. */
+static atomic_int given_up;
+static char lines[2][512];
+
+static void keep_line(enum log_level level, const char *text)
+{
+    const int at = atomic_load(&given_up);
+
+    if (level == LOG_WARNING && strstr(text, "took no bytes") && at < 2) {
+        snprintf(lines[at], sizeof(lines[at]), "%s", text);
+        atomic_store(&given_up, at + 1);
+    }
+}
+
+static bool begins(const char *text, const char *with)
+{
+    return strncmp(text, with, strlen(with)) == 0;
+}
+
+/* A viewer and an HTTP client, for ten seconds in which the kernel takes no byte for them. */
+static void who_takes_no_bytes_is_given_up_by_name(void **state)
+{
+    (void)state;
+    struct server_counters counters;
+    struct client viewer, watcher;
+
+    log_divert(keep_line);
+    struct server *s = server_start(NULL);
+    publish(s, 1, 1000);
+    client_watch(&viewer, s);
+    client_open(&watcher, s);
+    assert_int_equal(client_request(&watcher, "GET /stream.mjpeg HTTP/1.1\r\nHost: localhost\r\n\r\n"), 200);
+    publish(s, 2, 30000000);
+    for (int waited = 0; waited < CLIENT_WAIT_MS && atomic_load(&given_up) < 2; waited += 100)
+        sleep_ms(100);
+    assert_int_equal(atomic_load(&given_up), 2);
+    server_counters(s, &counters);
+    assert_int_equal(counters.stalled, 2);
+    const int of_watcher = strstr(lines[0], "stream.mjpeg") ? 0 : 1;
+    assert_true(begins(lines[of_watcher], "127.0.0.1: /stream.mjpeg closed: it took no bytes for 10 s; "));
+    assert_true(begins(lines[!of_watcher], "127.0.0.1: closed: it took no bytes for 10 s; "));
+    client_shut(&viewer);
+    client_shut(&watcher);
+    server_destroy(s);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(snapshot_is_the_newest_picture),
     cmocka_unit_test(snapshot_waits_for_a_picture_of_the_present_frame),
@@ -539,5 +587,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(only_named_origins_may_embed_and_only_embed),
     cmocka_unit_test(what_is_no_origin_is_refused),
     cmocka_unit_test(a_server_that_leaves_says_so),
+    cmocka_unit_test(who_takes_no_bytes_is_given_up_by_name),
 };
 UNIT_MAIN(tests)
