@@ -183,7 +183,7 @@ def period(c, ranks, own, rate, delay, processors):
         answer = free + delay
         # Rank 0: its own part, the next order, this picture's answers, and what only it does.
         sent = begin + c["light_s"] * own + c["ahead_s"]
-        begin = max(sent, answer) + carried + c["after_s"]
+        begin = max(sent, answer) + carried + c["after_s"] + c["lost_s"]
         times.append(begin)
     return (times[-1] - times[-21]) / 20
 
@@ -214,24 +214,28 @@ def busy_s():
 
 def constants(jobs, size, half=False):
     """Stages: of two ranks that share out frames, so that both processors are busy. Carrying: the processor time of a job by parts over a link
-    without limits, beyond these stages."""
+    without limits, beyond these stages. Lost: the time from picture to picture there beyond the model's, by uneven shares and by waiting for
+    looks into MPI."""
     stats = jobs.work / "stats.json"
     jobs.compute_cache(size)
     jobs.render(started(2), 40, "--method", "cached", "--threads", "1", "--stats", str(stats), size=size)
     entries = json.loads(stats.read_text())
     ms = [entry["ms"] for entry in entries[6:]]
     median = lambda *names: 1e-3 * statistics.median(sum(m[name] for name in names) for m in ms)
-    c = {"light_s": median("shade"), "ahead_s": median("decode", "rebuild"), "after_s": median("resolve", "write"), "carry_s": 0.0,
+    c = {"light_s": median("shade"), "ahead_s": median("decode", "rebuild"), "after_s": median("resolve", "write"), "carry_s": 0.0, "lost_s": 0.0,
          "up": entries[0]["gbuffer"]["shade_points"] * 3 * (2 if half else 4) * 1.03}  # packets are not quite full; headers
-    spent = {SETTLED: [], SETTLED + 40: []}
+    spent, took = {SETTLED: [], SETTLED + 40: []}, []
     with net.Links(2, 100000, 0.0) as joined:
         for frames in 5 * list(spent):  # what a start costs varies by as much as carrying does
             start = busy_s()
-            jobs.render(joined.command([]), frames, "--method", "cached", "--threads", "1", "--split-frames", size=size)
+            times = jobs.render(joined.command([]), frames, "--method", "cached", "--threads", "1", "--split-frames", size=size)
             spent[frames].append(busy_s() - start)
+            took += [(times[-1] - times[SETTLED - 1]) / 40] if frames > SETTLED else []
     down, back = map(float, SUMMARY.search(jobs.log).groups())
     c["down"] = down * 1e3
-    c["carry_s"] = max(0.0, (statistics.median(spent[SETTLED + 40]) - statistics.median(spent[SETTLED])) / 40 - c["light_s"] - c["ahead_s"] - c["after_s"]) / (back * 1e6)
+    each_s = (statistics.median(spent[SETTLED + 40]) - statistics.median(spent[SETTLED])) / 40
+    c["carry_s"] = max(0.0, each_s - c["light_s"] - c["ahead_s"] - c["after_s"]) / (back * 1e6)
+    c["lost_s"] = max(0.0, statistics.median(took) - predict(c, 2, 100000, 0.0, CPUS)[0])
     return c
 
 
@@ -247,7 +251,7 @@ def links(jobs):
     c = constants(jobs, size)
     most = {ranks: most_points(jobs, ranks, size, c["up"]) for ranks in counts}
     print(f"Model, {size}: light {1e3 * c['light_s']:.1f} ms, rank 0 alone {1e3 * c['ahead_s']:.1f} ms ahead and {1e3 * c['after_s']:.1f} ms "
-          f"afterwards, {1e9 * c['carry_s']:.2f} ns a byte for carrying, {1e-3 * c['down']:.1f} KB to each rank, {1e-6 * c['up']:.2f} MB of floats "
+          f"afterwards, {1e9 * c['carry_s']:.2f} ns a byte for carrying, {1e3 * c['lost_s']:.1f} ms lost, {1e-3 * c['down']:.1f} KB to each rank, {1e-6 * c['up']:.2f} MB of floats "
           f"for all points; rank 0 lights at most {', '.join(f'{most[n]:.2f} of {n}' for n in counts)} ranks.\n")
     print("| ranks | Mbit/s | delay, ms | measured, ms a picture | model | | what limits |\n|---|---|---|---|---|---|---|")
     for rate in (100, 1000):
