@@ -1,5 +1,4 @@
 /* The relighter's interreflection by a cache: who takes which light when there is one, so that none is taken twice. */
-#include "light/relight_cache.h"
 #include "light/stage.h"
 #include "scene/files.h"
 
@@ -74,25 +73,6 @@ static void what_has_no_room_is_left_to_eye_paths(void **state)
     stage_finish(&s);
 }
 
-/* Loaded in the background where only direct light has room: interreflection is refused for good, so that no image
- * waits for another try, and direct light serves. bytes: of direct light. */
-static void load_without_room(struct relight_desc light, uint64_t bytes)
-{
-    struct stage s = court(SMALL_WIDTH, SMALL_HEIGHT);
-    struct relight_cache c = { .transport = NULL };
-    double ms;
-
-    light.cache_background = true;
-    light.cache_bytes = bytes + 10000;
-    assert_int_equal(relight_cache_make(&c, s.set, best_kernels(), &light, false, &ms), ERR_OK);
-    while (relight_cache_follow(&c) < 1.0)
-        nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
-    assert_true(c.loaded && c.transport && !c.refused);
-    assert_true(c.bounce.refused && !c.bounce.loaded && !c.bounce.bounce);
-    relight_cache_finish(&c);
-    stage_finish(&s);
-}
-
 /* What one run has made, direct light first and then both, the next one loads, and has the same bits; a run for direct
  * light alone leaves the file as it is. */
 static void another_run_loads_what_one_has_gathered(void **state)
@@ -118,7 +98,6 @@ static void another_run_loads_what_one_has_gathered(void **state)
             assert_memory_equal(first, s.rgb, size);
         stage_finish(&s);
     }
-    load_without_room(light, stats.cache.bytes);
     mem_free(first);
     folder_remove(&folder);
 }

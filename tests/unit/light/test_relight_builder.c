@@ -1,0 +1,45 @@
+/* The thread that computes or loads both caches: what it leaves to its relighter at the end. */
+#include "light/relight_cache.h"
+#include "light/stage.h"
+#include "scene/files.h"
+
+#include <time.h>
+
+/* Loaded where only direct light has room: interreflection is refused for good, so that no image waits for another try,
+ * and direct light serves. With room, both are there. */
+static void what_has_no_room_is_refused_for_good(void **state)
+{
+    const struct set_desc small = { .width = 8, .height = 8 };
+    struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16 },
+                                  .classes = PATH_DIRECT | PATH_INDIRECT };
+    struct stage s = stage_make(&small, sky_with_sun(64, 32, 2e3f));
+    struct relight_stats stats;
+    struct folder folder;
+    double ms;
+    (void)state;
+
+    folder_make(&folder);
+    light.cache_file = folder_write(&folder, "kept", "", 0);
+    assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
+    assert_true(stats.cache.bytes > 0 && stats.bounce.bytes > 10000);
+    light.cache_background = true;
+    for (int room = 0; room < 2; room++) {
+        struct relight_cache c = { .transport = NULL };
+        light.cache_bytes = stats.cache.bytes + (room ? 2 * stats.bounce.bytes : 10000);
+        assert_int_equal(relight_cache_make(&c, s.set, best_kernels(), &light, false, &ms), ERR_OK);
+        while (relight_cache_follow(&c) < 1.0)
+            nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
+        assert_true(c.loaded && c.transport && !c.refused);
+        assert_int_equal(c.bounce.refused, !room);
+        assert_int_equal(c.bounce.loaded, room);
+        assert_int_equal(c.bounce.bounce != NULL, room);
+        relight_cache_finish(&c);
+    }
+    stage_finish(&s);
+    folder_remove(&folder);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(what_has_no_room_is_refused_for_good),
+};
+UNIT_MAIN(tests)
