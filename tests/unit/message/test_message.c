@@ -236,11 +236,17 @@ static void welcome_says_what_it_is_told(void **state)
 static void status_has_every_place_where_pictures_are_published(void **state)
 {
     const struct server_figures status = { .publish_count = 2,
-                                           .publish = { { .to = "rtmp://a/", .frames = 3, .dropped = 5, .retries = 7 },
+                                           .publish = { { .to = "rtmp://a/",
+                                                          .state = SERVER_PUBLISH_RETRYING,
+                                                          .detail = "no route",
+                                                          .frames = 3,
+                                                          .dropped = 5,
+                                                          .retries = 7 },
                                                         { .to = "srt://b/", .frames = 9 } } };
     char *shared = message_status_shared(&status, NULL);
     (void)state;
-    assert_non_null(strstr(shared, "\"publish\":[{\"to\":\"rtmp://a/\""));
+    assert_non_null(
+        strstr(shared, "\"publish\":[{\"to\":\"rtmp://a/\",\"state\":\"retrying\",\"detail\":\"no route\","));
     assert_non_null(strstr(shared, "\"frames\":3,\"dropped\":5,\"retries\":7},{\"to\":\"srt://b/\""));
     assert_non_null(strstr(shared, "\"frames\":9,\"dropped\":0,\"retries\":0}]"));
     message_free(shared);

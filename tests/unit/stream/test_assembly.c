@@ -143,7 +143,8 @@ static void texels_come_without_alpha_and_the_right_way_up(void **state)
                                                      .height = 2,
                                                      .channels = (uint8_t)channels };
         struct block payload = { mem_alloc(16, sizeof(float)), 16 * sizeof(float) };
-        struct frame f = { 0 };
+        struct frame f = { .rgb = mem_alloc(20, sizeof(float)), .rgb_capacity = 20 };
+        float *const before = f.rgb;
         for (unsigned i = 0; i < 4 * channels; i++) {
             const unsigned value = i % channels == 3 ? 8 : i / channels + i % channels; /* 0 .. 5, alpha 8 */
             const float real = (float)value;
@@ -154,6 +155,10 @@ static void texels_come_without_alpha_and_the_right_way_up(void **state)
             const unsigned texel = turned ? (i / 3 + 2) % 4 : i / 3;
             assert_true(f.rgb[i] == (float)(texel + i % 3));
         }
+        /* Floats change places with the payload. */
+        assert_ptr_equal(half ? (const void *)f.rgb : payload.bytes, before);
+        assert_int_equal(f.rgb_capacity, half ? 20 : 16);
+        assert_int_equal(payload.capacity, (half ? 16 : 20) * sizeof(float));
         frame_finish(&f);
         mem_free(payload.bytes);
     }
