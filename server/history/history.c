@@ -165,8 +165,35 @@ static void start_anew(struct history *h, size_t at, const float *lo)
     memcpy(h->target + at, lo + at, FLOATS * sizeof(float));
 }
 
+/* The mean change of the cache's light by the sky, as a factor. Summed in one order. */
+static float mean_change(const struct history *h, const float *lo)
+{
+    double before[PACKET] = { 0.0 }, now[PACKET] = { 0.0 }, all = 0.0, changed = 0.0;
+
+    for (uint32_t i = 0; i < h->packets && h->has_cache; i++)
+        for (size_t at = i * FLOATS; at < (i + 1) * FLOATS && !h->changed[i]; at += PACKET)
+            for (size_t k = 0; k < PACKET; k++) {
+                before[k] += (double)h->cache[at + k];
+                now[k] += (double)lo[at + k];
+            }
+    for (int k = 0; k < PACKET; k++) {
+        all += before[k];
+        changed += now[k];
+    }
+    return all > 0.0 ? (float)(changed / all) : 1.0f;
+}
+
+/* b changes as the cache's light does from `was` to `is`, within the range of b, b with the mean change, and `is`. */
+static float follow(float b, float was, float is, float mean)
+{
+    const float even = mean * b;
+
+    return fminf(fmaxf(b + (is - was), fminf(fminf(b, even), is)), fmaxf(fmaxf(b, even), is));
+}
+
 void history_follow(struct history *h, const float *lo)
 {
+    const float mean = mean_change(h, lo);
     bool moved = false;
 
 #pragma omp parallel for schedule(static) reduction(|| : moved)
@@ -178,12 +205,13 @@ void history_follow(struct history *h, const float *lo)
             start_anew(h, at, lo);
         } else if (h->has_cache && !h->changed[i]) {
             for (size_t k = at; k < at + FLOATS; k++) {
-                const float by = lo[k] - h->cache[k];
-                moved = moved || by != 0.0f;
+                const float was = h->cache[k], b = 0.5f * (h->half[0][k] + h->half[1][k]);
+                const float by = follow(b, was, lo[k], mean) - b;
+                moved = moved || lo[k] != was;
                 h->half[0][k] += by;
                 h->half[1][k] += by;
-                h->shown[k] += by;
-                h->target[k] += by;
+                h->shown[k] = follow(h->shown[k], was, lo[k], mean);
+                h->target[k] = follow(h->target[k], was, lo[k], mean);
             }
         }
         memcpy(h->cache + at, lo + at, FLOATS * sizeof(float));

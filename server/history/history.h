@@ -14,6 +14,8 @@
  * expectation is V plus the squared error of B. A history that has become wrong, because the sky changed in another way
  * than the cache predicts, thus loses its weight at once: the estimator of [James and Stein 1961] between S and B, as
  * in light/still.h. When a new version of the cache takes over, C - C' is not a change of the sky and is omitted.
+ * Where C passes B, as where C misplaces the edge of a moving shadow, the difference between both has ended: B then
+ * stays between B, B times the picture's mean change of C, and C. Otherwise it would end below 0, or above any light.
  *
  * The halves are filtered (history/denoise.h) once every packet was sampled. Beside a cache and under a still sky, the
  * displayed light moves to the filter's output in equal steps until the next one, so that it does not jump. It also

@@ -168,6 +168,57 @@ static void the_cache_predicts_what_the_sky_changes(void **state)
     rig_finish(&r);
 }
 
+enum { STAY = 24, SWEEP = 80, PER_PICTURE = 2 }; /* pictures; packets that the edge crosses in one */
+static const float SHADOW = 0.08f, LIT = 1.0f;
+
+/* The shadow covers the packets before the edge. */
+static float light_at(size_t packet, int edge)
+{
+    return (int)packet < edge ? SHADOW : LIT;
+}
+
+/* A shadow's edge stays, and then moves to and fro; the cache has it some packets farther. The error of what is shown
+ * beyond either light. */
+static double beyond_edge(int farther)
+{
+    struct rig r = rig_make();
+    const struct gbuffer *g = r.set->gbuffer;
+    double beyond = 0.0;
+
+    versions(&r, 0.0f, false);
+    for (int turn = 0; turn < STAY + 2 * SWEEP; turn++) {
+        const int step = turn < STAY ? 0 : turn < STAY + SWEEP ? turn - STAY : STAY + 2 * SWEEP - turn;
+        const int edge = 20 + PER_PICTURE * step;
+        history_begin(r.history, 1);
+        for (size_t i = 0; i < r.floats; i++) {
+            r.cache[i] = light_at(i / (3 * PACKET), edge + farther);
+            denoiser_half(r.denoiser, 0)[i] = denoiser_half(r.denoiser, 1)[i] = light_at(i / (3 * PACKET), edge);
+        }
+        history_follow(r.history, r.cache);
+        history_add(r.history, NULL);
+        history_show(r.history, NULL, r.lo);
+        for (uint32_t k = 0; k < g->entry_first[WIDTH * HEIGHT]; k++) {
+            if (g->entries[k].weight[0] < 0.75f) /* others may be filtered with unlike points */
+                continue;
+            const float x = r.lo[(size_t)g->entries[k].point / PACKET * 3 * PACKET + g->entries[k].point % PACKET];
+            beyond = fmax(beyond, fmax((double)SHADOW - x, (double)x - LIT));
+        }
+    }
+    rig_finish(&r);
+    return beyond;
+}
+
+/* A cache that misplaces a shadow leaves no contours beside its edge, darker than the shadow or brighter than light. */
+static void a_misplaced_shadow_leaves_no_ghost(void **state)
+{
+    (void)state;
+    for (int farther = -12; farther <= 12; farther += 8) {
+        const double beyond = beyond_edge(farther);
+        print_message("a shadow %d packets too far: %.4f beyond either light\n", farther, beyond);
+        assert_true(beyond < 0.02);
+    }
+}
+
 /* Beside a cache every packet has its turn, once in HISTORY_TURNS pictures; without one it is all of them at once. */
 static void packets_take_turns(void **state)
 {
@@ -366,6 +417,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(light_without_a_cache_glides),
     cmocka_unit_test(noise_becomes_the_plain_mean),
     cmocka_unit_test(the_cache_predicts_what_the_sky_changes),
+    cmocka_unit_test(a_misplaced_shadow_leaves_no_ghost),
     cmocka_unit_test(packets_take_turns),
     cmocka_unit_test(another_key_forgets_all),
     cmocka_unit_test(pictures_of_a_still_sky_converge),
