@@ -107,6 +107,22 @@ static void point_lights_bring_interreflection(void **state)
     world_finish(&w);
 }
 
+/* Each of 5 particles is a path from the sky; of each of 24 pixels go 5 from the eye for direct light, and as many to
+ * be lit by what the particles left. */
+static void point_lights_and_their_pixels_are_counted(void **state)
+{
+    static float rgb[SIZE];
+    const struct path_desc d = { .classes = PATH_INDIRECT, .samples = 5, .seed = 1 };
+    struct path_stats stats;
+    struct world w;
+
+    (void)state;
+    make_matte(&w, 6, 4);
+    assert_int_equal(vpl_render(&w.path, &d, rgb, &stats), ERR_OK);
+    assert_int_equal(stats.samples, 5 + 2 * 24 * 5);
+    world_finish(&w);
+}
+
 static render_function *const both[] = { photons_render, vpl_render };
 
 static void background_and_direct_are_paths(void **state)
@@ -202,12 +218,9 @@ static void cancelled_work_and_a_black_sky_are_black(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(photons_bring_interreflection),
-    cmocka_unit_test(photons_bring_caustics),
-    cmocka_unit_test(point_lights_bring_interreflection),
-    cmocka_unit_test(background_and_direct_are_paths),
-    cmocka_unit_test(a_dim_sky_lights_as_a_bright_one_everywhere),
-    cmocka_unit_test(threads_do_not_change_a_bit),
-    cmocka_unit_test(cancelled_work_and_a_black_sky_are_black),
+    cmocka_unit_test(photons_bring_interreflection),      cmocka_unit_test(photons_bring_caustics),
+    cmocka_unit_test(point_lights_bring_interreflection), cmocka_unit_test(point_lights_and_their_pixels_are_counted),
+    cmocka_unit_test(background_and_direct_are_paths),    cmocka_unit_test(a_dim_sky_lights_as_a_bright_one_everywhere),
+    cmocka_unit_test(threads_do_not_change_a_bit),        cmocka_unit_test(cancelled_work_and_a_black_sky_are_black),
 };
 UNIT_MAIN(tests)
