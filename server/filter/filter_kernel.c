@@ -6,6 +6,7 @@
 #define PLANE_WIDTHS 2.0f /* s, in widths of a step */
 #define NO_POINT -1.0f    /* kinds that equal no other */
 #define NO_NEIGHBOUR -2.0f
+#define LEAST 1e-15f /* weight: light times the square of it is still a normal number */
 
 #define PLANES (SURFACE_PLANES + LIGHT_PLANES)
 #define LIGHT SURFACE_PLANES /* the first of light among them */
@@ -152,14 +153,16 @@ static inline void add_tap(struct tile *t, size_t from, float h)
     }
 }
 
-/* Writes a sum over its weight, or what the points had where nothing has weight. */
-static void put_out(const struct filter_points *at, int plane, const float *sum, const float *weight, const float *had)
+/* Writes a sum over its weight, or what the points had where hardly anything has weight: where all neighbours are
+ * turned away, the product of weight and light may be too small for a float. */
+static void put_out(const struct filter_points *at, int plane, const float *sum, const float *weight, float least,
+                    const float *had)
 {
     float *out = at->out[plane];
 
 #pragma omp simd
     for (uint32_t i = 0; i < at->count; i++)
-        out[i] = weight[i] > 0.0f ? sum[i] / weight[i] : had[i];
+        out[i] = weight[i] > least ? sum[i] / weight[i] : had[i];
 }
 
 static void level(const struct filter_picture *p, const struct filter_points *at, uint32_t step)
@@ -185,10 +188,10 @@ static void level(const struct filter_picture *p, const struct filter_points *at
         }
     }
     for (int c = 0; c < 6; c++)
-        put_out(at, c, t.sum[c], t.sum[SUM_WEIGHT + c / 3], t.own[LIGHT + c]);
+        put_out(at, c, t.sum[c], t.sum[SUM_WEIGHT + c / 3], LEAST, t.own[LIGHT + c]);
     for (uint32_t i = 0; i < t.count; i++)
         t.sum[SUM_WEIGHT][i] *= t.sum[SUM_WEIGHT + 1][i];
-    put_out(at, LIGHT_VARIANCE, t.sum[LIGHT_VARIANCE], t.sum[SUM_WEIGHT], t.own[LIGHT + LIGHT_VARIANCE]);
+    put_out(at, LIGHT_VARIANCE, t.sum[LIGHT_VARIANCE], t.sum[SUM_WEIGHT], LEAST * LEAST, t.own[LIGHT + LIGHT_VARIANCE]);
 }
 
 static void spread_tap(struct tile *t, size_t from)
@@ -212,7 +215,7 @@ static void spread(const struct filter_picture *p, const struct filter_points *a
         for (uint32_t dx = 0; dx <= 2 * SPREAD_RADIUS; dx++)
             spread_tap(&t, dx);
     }
-    put_out(at, LIGHT_VARIANCE, t.sum[LIGHT_VARIANCE], t.sum[SUM_WEIGHT], at->light[LIGHT_VARIANCE]);
+    put_out(at, LIGHT_VARIANCE, t.sum[LIGHT_VARIANCE], t.sum[SUM_WEIGHT], LEAST, at->light[LIGHT_VARIANCE]);
 }
 
 extern const struct filter_kernel KERNEL(filter_kernel);

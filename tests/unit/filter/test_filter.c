@@ -252,6 +252,36 @@ static void small_points_of_a_pixel_are_filtered_too(void **state)
     wall_finish(&w);
 }
 
+static float dim(uint32_t x)
+{
+    (void)x;
+    return 0.08f;
+}
+
+/* Their neighbours, all larger points, are turned away by angles at which weights are about the smallest float. */
+static void small_points_among_strangers_keep_their_light(void **state)
+{
+    struct wall w = wall_make();
+
+    (void)state;
+    light(&w, dim, 0.0f, 6);
+    for (uint32_t i = 0; i < PIXELS; i++) {
+        struct shade_packet *p = &w.g.packets[i / PACKET];
+        for (int c = 0; c < 3; c++)
+            w.g.entries[i].weight[c] = 0.4f - 0.1f * (float)(i % 4);
+        w.g.entry_first[i + 1] = 4 * (i / 4 + 1);
+        if (i % 4 < 2)
+            continue;
+        const float cosine = 0.15f + 0.15f * (float)i / PIXELS;
+        p->ns_z[i % PACKET] = p->ng_z[i % PACKET] = cosine;
+        p->ns_x[i % PACKET] = p->ng_x[i % PACKET] = sqrtf(1.0f - cosine * cosine);
+    }
+    run(&w, NULL);
+    for (uint32_t i = 0; i < PIXELS; i++)
+        assert_float_equal(*at(w.out, i, 0), 0.08, 1e-4);
+    wall_finish(&w);
+}
+
 /* Pixel 2k shows both sides of a leaf, points 2k and 2k + 1, or a coat and what is below it. Both have neighbours of
  * their kind. */
 static void expect_both_filtered(void (*make_other)(struct shade_packet *p, uint32_t lane))
@@ -430,6 +460,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(what_a_mirror_shows_stays_apart),
     cmocka_unit_test(textures_stay_sharp),
     cmocka_unit_test(small_points_of_a_pixel_are_filtered_too),
+    cmocka_unit_test(small_points_among_strangers_keep_their_light),
     cmocka_unit_test(both_sides_of_a_leaf_are_filtered),
     cmocka_unit_test(a_coat_and_what_is_below_are_filtered),
     cmocka_unit_test(what_a_pane_reflects_is_filtered),
