@@ -7,7 +7,7 @@
  * Groups take turns, and all techniques are measured on the same groups. The differences within a group show which
  * pixels are difficult. Particles run in two halves, whose mean is the picture and whose difference gives the error.
  * The clock gives the times. The first frame may take 0.3 s longer. Measurements then take three tenths of the time
- * until every technique is known, and a twentieth afterwards.
+ * until every technique is known, then a twentieth, and a fiftieth once there are many readings.
  *
  * Choices. Direct light: a technique and a number of samples, with more samples where pixels are difficult
  * (choose/pilot_allot.h). Other light: eye paths; particles aimed at mirrors and glass, with eye paths; particles for
