@@ -335,5 +335,5 @@ void relight_cache_versions(struct relight_cache *c, float *final, bool *changed
 
 bool relight_cache_is_settled(const struct relight_cache *c)
 {
-    return !c->building && transport_is_settled(c->transport) && !c->bounce.before;
+    return !c->building && c->transport && transport_is_settled(c->transport) && !c->bounce.before;
 }
