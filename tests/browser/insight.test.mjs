@@ -111,7 +111,7 @@ test('a change of method starts a new choice, with the server’s text of what w
   assert.ok(choices[0].includes(`Left out: ${light.left_out}`), `${choices[0]} for ${light.left_out}`);
   assert.deepEqual([...methods].sort(), ['auto', 'mis']);
   // Four samples at this size state an error, a bound of it, or neither.
-  assert.match(await page.textContent('#insight-words'), / took \d+ ms with mis(, noise (about|at most) [\d.]+ %|; its error is not known)/);
+  assert.match(await page.textContent('#insight-words'), / took [\d.]+\s?m?s with mis(, noise (about|at most) [\d.]+\s?%|; its error is not known)/);
 }));
 
 test('the stages of latency are the means of the headers of a second', () => withPage(AUTO, async (page) => {
