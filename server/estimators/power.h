@@ -1,5 +1,6 @@
 /* Three numbers as bytes with a shared power of two [Ward 1991]: what a stored splat carries. */
-#pragma once
+#ifndef ESTIMATORS_POWER_H
+#define ESTIMATORS_POWER_H
 
 #include <math.h>
 #include <stdint.h>
@@ -37,3 +38,5 @@ static inline float power_unit(uint32_t packed)
     memcpy(&unit, &bits, sizeof(unit));
     return unit;
 }
+
+#endif

@@ -50,9 +50,7 @@ void relighter_round(struct relighter *r, bool half)
 /* A cache under construction changes from image to image, and only in this process. */
 struct transport *relighter_transport(const struct relighter *r, const struct picture_passes *passes)
 {
-    return passes->cached && r->cache.transport && !r->cache.refused && relight_cache_is_settled(&r->cache)
-               ? r->cache.transport
-               : NULL;
+    return passes->cached && !r->cache.refused && relight_cache_is_settled(&r->cache) ? r->cache.transport : NULL;
 }
 
 const struct transport_indirect *relighter_indirect(const struct relighter *r, const struct picture_passes *passes,

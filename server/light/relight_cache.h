@@ -63,7 +63,7 @@ MUST_CHECK enum err relight_cache_shade(struct relight_cache *c, struct direct *
 /* The packets' versions, [packet_count], as in transport_live_versions, interreflection included. */
 void relight_cache_versions(struct relight_cache *c, float *final, bool *changed);
 
-/* True once frames use the finished cache only. */
+/* True once there is a finished cache, and frames use no other. */
 bool relight_cache_is_settled(const struct relight_cache *c);
 
 #endif

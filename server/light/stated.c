@@ -122,7 +122,7 @@ static void resolve_halves(struct stated *s, const struct gbuffer *g, const stru
 static void audit_it(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                      const float *const half[2], bool measured, const float *rgb, struct relight_stats *stats)
 {
-    const bool cached = relight_is_cached(desc), live = desc->audit_live;
+    const bool cached = relight_is_cached(desc) && !stats->cache_refused, live = desc->audit_live;
     const bool settled = cached && relight_cache_is_settled(&r->cache);
     const double rays = (double)(stats->direct.rays + stats->eye.rays + stats->light.rays + stats->reference_rays);
     struct stated *s = r->stated;

@@ -110,8 +110,12 @@ test('a change of method starts a new choice, with the server’s text of what w
   assert.match(choices[0], /^\d+, \d+ s ago: mis: direct light/);
   assert.ok(choices[0].includes(`Left out: ${light.left_out}`), `${choices[0]} for ${light.left_out}`);
   assert.deepEqual([...methods].sort(), ['auto', 'mis']);
-  // Four samples at this size state an error, a bound of it, or neither.
-  assert.match(await page.textContent('#insight-words'), / took [\d.]+\s?m?s with mis(, noise (about|at most) [\d.]+\s?%|; its error is not known)/);
+  // Four samples at this size state an error, an upper bound, or neither: the words of the newest image say which.
+  await page.waitForFunction(() => {
+    const { error, atMost } = window.relight.insight.insight.last;
+    const words = document.querySelector('#insight-words').textContent;
+    return words.includes('with mis') && words.includes(error ? 'noise about' : atMost ? 'noise at most' : 'its error is not known');
+  }, null, { timeout: 30000 });
 }));
 
 test('the stages of latency are the means of the headers of a second', () => withPage(AUTO, async (page) => {
