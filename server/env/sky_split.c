@@ -43,42 +43,22 @@ static double overlap(const struct environment *e, uint32_t y, uint32_t x, uint3
                             -1.0 + fmin((y + 1) * in_texel, (i + 1) * in_cell));
 }
 
-/* Rows whose sums are independent, so that no addition waits for the one before. */
-#define TOGETHER 4
-
-/* Adds texels of `rows` rows, one below the other, that are entirely within the cell and not above the level. */
-static inline void add_lower_rows(const struct environment *e, uint32_t row, uint32_t column, uint32_t rows,
-                                  uint32_t count, double sum[3], double *whole)
+/* Adds texels of a row that are entirely within the cell and not above the level. */
+static void add_lower_texels(const struct texel *texels, const double *solid_angle, uint32_t count, double sum[3],
+                             double *whole)
 {
-    const struct texel *texels = e->texels + (size_t)row * e->n + column;
-    const double *solid_angle = e->solid_angle + (size_t)(row % e->n) * e->n + column;
-    double r[TOGETHER] = { 0.0 }, g[TOGETHER] = { 0.0 }, b[TOGETHER] = { 0.0 }, weight[TOGETHER] = { 0.0 };
+    double r = 0.0, g = 0.0, b = 0.0, weight = 0.0;
 
-    for (uint32_t x = 0; x < count; x++)
-        for (uint32_t k = 0; k < rows; k++) {
-            const struct texel *t = texels + (size_t)k * e->n + x;
-            const double own = solid_angle[(size_t)k * e->n + x];
-            r[k] += own * (double)t->r;
-            g[k] += own * (double)t->g;
-            b[k] += own * (double)t->b;
-            weight[k] += own;
-        }
-    for (uint32_t k = 0; k < rows; k++) {
-        sum[0] += r[k];
-        sum[1] += g[k];
-        sum[2] += b[k];
-        *whole += weight[k];
+    for (uint32_t x = 0; x < count; x++) {
+        r += solid_angle[x] * (double)texels[x].r;
+        g += solid_angle[x] * (double)texels[x].g;
+        b += solid_angle[x] * (double)texels[x].b;
+        weight += solid_angle[x];
     }
-}
-
-/* How many rows from `row` on, at most `most`, are not above the level. */
-static uint32_t lower_rows(const struct sky_split *s, uint32_t row, uint32_t most)
-{
-    uint32_t count = 0;
-
-    while (count < most && !(s->row_max[row + count] > s->level))
-        count++;
-    return count;
+    sum[0] += r;
+    sum[1] += g;
+    sum[2] += b;
+    *whole += weight;
 }
 
 /* The mean of the lower part over a cell, weighted by solid angle. */
@@ -89,14 +69,9 @@ static void take_cell(struct sky_split *s, const struct environment *e, uint32_t
     double sum[3] = { 0.0 }, whole = 0.0;
 
     for (uint32_t y = i * n / edge; y * edge < (i + 1) * n; y++) {
-        const uint32_t lower = whole_texels ? lower_rows(s, face * n + y, (i + 1) * n / edge - y) : 0;
-        if (lower >= TOGETHER) {
-            add_lower_rows(e, face * n + y, j * n / edge, TOGETHER, n / edge, sum, &whole);
-            y += TOGETHER - 1;
-            continue;
-        }
-        if (lower > 0) {
-            add_lower_rows(e, face * n + y, j * n / edge, 1, n / edge, sum, &whole);
+        if (whole_texels && !(s->row_max[face * n + y] > s->level)) {
+            add_lower_texels(&e->texels[(face * n + y) * n + j * n / edge], &e->solid_angle[y * n + j * n / edge],
+                             n / edge, sum, &whole);
             continue;
         }
         for (uint32_t x = j * n / edge; x * edge < (j + 1) * n; x++) {

@@ -201,43 +201,20 @@ static inline uint32_t level_of(const struct pyramid *p, float density)
 /* A texel as one vector. */
 #define FOUR_FLOATS __attribute__((vector_size(4 * sizeof(float)))) float
 
-/* Where directions meet the cube: cube_locate without branches, for all lanes at once. */
-struct gaze_places {
-    float u[PACKET], v[PACKET];
-    uint32_t face[PACKET];
-};
-
-static inline void find_places(const struct transport_gaze *q, struct gaze_places *out)
-{
-    LANES(l)
-    {
-        const float x = q->x[l], y = q->y[l], z = q->z[l], ax = fabsf(x), ay = fabsf(y), az = fabsf(z);
-        const bool by_x = (ax >= ay) & (ax >= az), by_y = !by_x & (ay >= az);
-        const float main = by_x ? x : by_y ? y : z, scale = 1.0f / fabsf(main);
-        out->u[l] = (by_x ? y : by_y ? z : x) * scale;
-        out->v[l] = (by_x ? z : by_y ? x : y) * scale;
-        out->face[l] = (by_x ? 0u : by_y ? 2u : 4u) + (main < 0.0f ? 1u : 0u);
-    }
-}
-
-/* One of them. */
-struct gaze_place {
-    float w[3], u, v;
-    uint32_t face, level; /* of the pyramid */
-};
-
-/* The four texels around it, and their weights. False if they are not all on one face or have gains. */
-static inline bool find_four(const float *texels, uint32_t n, const float *gain, const struct gaze_place *p,
-                             FOUR_FLOATS out[4], float weight[4])
+/* The four texels around a direction, and their weights. False if they are not all on one face or have gains. */
+static inline bool find_four(const float *texels, uint32_t n, const float *gain, const float w[3], FOUR_FLOATS out[4],
+                             float weight[4])
 {
     const float half = 0.5f * (float)n, last = (float)(n - 1);
-    const float x = (p->u + 1.0f) * half - 0.5f, y = (p->v + 1.0f) * half - 0.5f;
+    float u, v;
+    const uint32_t face = cube_locate(w, &u, &v);
+    const float x = (u + 1.0f) * half - 0.5f, y = (v + 1.0f) * half - 0.5f;
 
-    if (gain || !((x >= 0.0f) & (y >= 0.0f) & (x < last) & (y < last)))
+    if (gain || !(x >= 0.0f && y >= 0.0f && x < last && y < last))
         return false;
     const uint32_t j = (uint32_t)x, i = (uint32_t)y;
     const float fx = x - (float)j, fy = y - (float)i;
-    const float *at = texels + 4 * (((size_t)p->face * n + i) * n + j);
+    const float *at = texels + 4 * (((size_t)face * n + i) * n + j);
     memcpy(out, at, 2 * sizeof(*out));
     memcpy(out + 2, at + 4 * (size_t)n, 2 * sizeof(*out));
     weight[0] = (1 - fx) * (1 - fy);
@@ -247,14 +224,14 @@ static inline bool find_four(const float *texels, uint32_t n, const float *gain,
     return true;
 }
 
-static inline void look_level(const struct pyramid *p, const struct gaze_place *place, float rgb[3])
+static inline void look_level(const struct pyramid *p, uint32_t level, const float w[3], float rgb[3])
 {
-    const struct pyramid_level *l = &p->level[place->level];
+    const struct pyramid_level *l = &p->level[level];
     FOUR_FLOATS t[4];
     float k[4];
 
-    if (!find_four(l->texels, l->n, l->gain, place, t, k)) {
-        pyramid_lookup(p, place->level, place->w, rgb);
+    if (!find_four(l->texels, l->n, l->gain, w, t, k)) {
+        pyramid_lookup(p, level, w, rgb);
         return;
     }
     const FOUR_FLOATS sum = (k[0] * t[0] + k[1] * t[1]) + (k[2] * t[2] + k[3] * t[3]);
@@ -263,18 +240,18 @@ static inline void look_level(const struct pyramid *p, const struct gaze_place *
 
 /* The lower part along a gaze, interpolated, because steps between texels would be visible as the sky turns. Where the
  * pyramid's level contains some of the bright part, the lower part is interpolated from texels instead. */
-static inline void look_low(const struct transport_look *look, const struct gaze_place *p, float rgb[3])
+static inline void look_low(const struct transport_look *look, const float w[3], float density, float rgb[3])
 {
     const struct environment *e = look->environment;
     FOUR_FLOATS t[4], sum = { 0.0f };
     float k[4];
 
-    look_level(e->pyramid, p, rgb);
+    look_level(e->pyramid, level_of(e->pyramid, density), w, rgb);
     if (!(importance_of(e->importance, rgb[0], rgb[1], rgb[2]) > look->level))
         return;
-    if (!find_four(&e->texels->r, e->n, NULL, p, t, k)) {
+    if (!find_four(&e->texels->r, e->n, NULL, w, t, k)) {
         float u, v;
-        memcpy(t, &e->texels[cube_texel(e->n, p->w, &u, &v)], sizeof(*t));
+        memcpy(t, &e->texels[cube_texel(e->n, w, &u, &v)], sizeof(*t));
         t[1] = t[2] = t[3] = t[0];
         k[0] = 1.0f;
         k[1] = k[2] = k[3] = 0.0f;
@@ -285,13 +262,12 @@ static inline void look_low(const struct transport_look *look, const struct gaze
 }
 
 /* The lower part, plus the balance heuristic's share of the bright part in the texel that contains w. */
-static inline void look_at(const struct transport_look *look, const struct gaze_place *p, float density, float rgb[3])
+static inline void look_at(const struct transport_look *look, const float w[3], float density, float rgb[3])
 {
     const struct environment *e = look->environment;
-    const float *w = p->w;
     float u, v;
 
-    look_low(look, p, rgb);
+    look_low(look, w, density, rgb);
     if (!(look->level < INFINITY))
         return;
     const float *axis = look->bright->axis; /* spares most gazes the texel, which is outside the near caches */
@@ -310,54 +286,21 @@ static inline void look_at(const struct transport_look *look, const struct gaze_
     rgb[2] += share * x->b;
 }
 
-/* Begins to load what find_four will. */
-static inline void prefetch_four(const struct pyramid_level *level, const struct gaze_place *p)
-{
-    const float half = 0.5f * (float)level->n, x = fmaxf((p->u + 1.0f) * half - 0.5f, 0.0f),
-                y = fmaxf((p->v + 1.0f) * half - 0.5f, 0.0f);
-    const float *at = level->texels + 4 * (((size_t)p->face * level->n + (uint32_t)y) * level->n + (uint32_t)x);
-
-    __builtin_prefetch(at);
-    __builtin_prefetch(at + 4 * (size_t)level->n);
-}
-
-/* The places of a gaze's lanes that see the sky. Returns their number. */
-static inline uint32_t begin_gaze(const struct transport_look *look, const struct transport_gaze *q, bool ggx,
-                                  uint32_t count, struct gaze_place out[PACKET], uint32_t lane[PACKET])
-{
-    const struct pyramid *sky = look->environment->pyramid;
-    struct gaze_places places;
-    uint32_t found = 0;
-
-    find_places(q, &places);
-    for (uint32_t l = 0; l < count; l++) {
-        if (!(q->by_specular[l] + (ggx ? q->by_one[l] : 0.0f) > 0.0f))
-            continue;
-        out[found] = (struct gaze_place){
-            { q->x[l], q->y[l], q->z[l] }, places.u[l], places.v[l], places.face[l], level_of(sky, q->density[l])
-        };
-        prefetch_four(&sky->level[out[found].level], &out[found]);
-        lane[found++] = l;
-    }
-    return found;
-}
-
 static void gaze(const struct transport_look *look, const struct shade_packet *p, const struct transport_gaze *gazes,
                  float *lo)
 {
     const bool ggx = p->kind == LOBE_GGX;
-    struct gaze_place at[PACKET];
-    uint32_t lane[PACKET];
 
     for (uint32_t i = 0; i < TRANSPORT_GAZES; i++) {
         const struct transport_gaze *q = &gazes[i];
-        const uint32_t count = begin_gaze(look, q, ggx, p->count, at, lane);
-        for (uint32_t k = 0; k < count; k++) {
-            const uint32_t l = lane[k];
+        for (uint32_t l = 0; l < p->count; l++) {
+            const float w[3] = { q->x[l], q->y[l], q->z[l] }, by_one = ggx ? q->by_one[l] : 0.0f;
             float rgb[3];
-            look_at(look, &at[k], q->density[l], rgb);
+            if (!(q->by_specular[l] + by_one > 0.0f))
+                continue;
+            look_at(look, w, q->density[l], rgb);
             for (int c = 0; c < 3; c++)
-                lo[c * PACKET + l] += (p->specular[c][l] * q->by_specular[l] + (ggx ? q->by_one[l] : 0.0f)) * rgb[c];
+                lo[c * PACKET + l] += (p->specular[c][l] * q->by_specular[l] + by_one) * rgb[c];
         }
     }
 }
