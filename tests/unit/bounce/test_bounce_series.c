@@ -1,8 +1,8 @@
 /* The cache of interreflection where light goes to and fro so often that sums of series are known, and single paths. */
 #include "bounce/bounces.h"
 
-/* A sphere of albedo a, open over a quarter of its area, keeps q = 3/4 a of the light at each bounce. Bounce i adds q^i.
- * All bounces together add 1 / (1 - q); those after bounce i add q^(i + 1) / (1 - q), which is a share of q^(i + 1). The
+/* A sphere of albedo a, open over a quarter of its area, keeps q = 3/4 a of the light at each bounce. Bounce i adds
+ * q^i. All bounces together add 1 / (1 - q), and those after bounce i q^(i + 1) / (1 - q), a share of q^(i + 1). The
  * series may end when this share is below 3/1000: for q = 3/8 after 5 bounces ((3/8)^5 = 0.0074, (3/8)^6 = 0.0028), for
  * q = 27/40 after 14 ((27/40)^14 = 0.0041, (27/40)^15 = 0.0028). */
 static void the_series_ends_when_little_is_left(void **state)
