@@ -1,4 +1,3 @@
-/* protocol/relight_protocol.h */
 /* The binary headers of relight.v1 as defined in PROTOCOL.md sections 6 and 7: little-endian, fixed offsets, no
  * padding. Pure functions without allocations or state, safe on untrusted input. Thread: any. Depends on no other
  * header of the project. */

@@ -1,4 +1,3 @@
-/* clients/common/address.h */
 /* The address of a server, as a user writes it. Pure; any thread. */
 #ifndef CLIENTS_ADDRESS_H
 #define CLIENTS_ADDRESS_H

@@ -1,4 +1,3 @@
-/* clients/common/connection.h */
 /* A relight.v1 client over libwebsockets: connects, with or without TLS, exchanges hello and welcome, carries text
  * and binary messages both ways, and reconnects with back-off when the connection breaks. One thread runs it
  * (connection_run) and gets all the hooks; only connection_wake may be called from others. */

@@ -1,4 +1,3 @@
-/* clients/common/message.h */
 /* Fields of the server's text messages, read with limits; what a server sends is outside data. Any thread. */
 #ifndef CLIENTS_MESSAGE_H
 #define CLIENTS_MESSAGE_H

@@ -1,4 +1,3 @@
-/* clients/common/offset.h */
 /* Estimates how far the server's clock is ahead of this computer's, from pings (PROTOCOL.md 5.6): the shortest of the
  * last twenty round trips counts, with an error of at most half of it. Pure; one thread per estimate. */
 #ifndef CLIENTS_OFFSET_H

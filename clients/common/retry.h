@@ -1,4 +1,3 @@
-/* clients/common/retry.h */
 /* Decides what to do after a connection has ended: PROTOCOL.md section 8 as a table, and the back-off. Pure; any
  * thread. */
 #ifndef CLIENTS_RETRY_H

@@ -1,4 +1,3 @@
-/* clients/common/trust.h */
 /* The servers that a TLS client trusts, and the reason if it does not trust one. Any thread. */
 #ifndef CLIENTS_TRUST_H
 #define CLIENTS_TRUST_H

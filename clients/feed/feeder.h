@@ -1,4 +1,3 @@
-/* clients/feed/feeder.h */
 /* A producer of relight.v1: sends a reader's parcels as credit allows, receives their fates, and after a lost
  * connection continues where the server says. Thread: the one that calls feeder_run. */
 #ifndef FEED_FEEDER_H

@@ -1,4 +1,3 @@
-/* clients/feed/files.h */
 /* Writes the frames of a source as OpenEXR files instead of sending them: computed skies and videos for other programs.
  * Thread: one; the caller's. */
 #ifndef FEED_FILES_H

@@ -1,4 +1,3 @@
-/* clients/feed/parcel.h */
 /* A frame in the form in which relight.v1 transmits it: header and payload (PROTOCOL.md 7). Files are sent as they are;
  * texels, and files of kinds that a server does not accept from the network, are sent raw. Thread: one per parcel. */
 #ifndef FEED_PARCEL_H

@@ -1,4 +1,3 @@
-/* clients/feed/reader.h */
 /* Reads ahead from a source on a separate thread, so that slow disks, watched folders and computed skies do not delay
  * the connection. Holds at most two parcels, in order. */
 #ifndef FEED_READER_H

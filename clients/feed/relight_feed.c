@@ -1,4 +1,3 @@
-/* clients/feed/relight_feed.c */
 /* Streams a source of frames to a relightd started with --source push:. This file is the command line; feeder.h talks
  * to the server, and reader.h reads ahead on a separate thread. */
 #include "base/log.h"

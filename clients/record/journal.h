@@ -1,4 +1,3 @@
-/* clients/record/journal.h */
 /* The index of recorded images: one JSON object per line, written to disk before the image is acknowledged. Thread:
  * one. */
 #ifndef RECORD_JOURNAL_H

@@ -1,4 +1,3 @@
-/* clients/record/relight_record.c */
 /* Stores a relightd's images as files: live, as many as arrive, or as the recorder of a lockstep sequence, exactly
  * one per environment frame. An image is acknowledged once it is safely on disk. Everything runs on one thread: while
  * a picture is being stored, the server holds back the one after the next. */

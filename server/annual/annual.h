@@ -1,4 +1,3 @@
-/* server/annual/annual.h */
 /* A year of light: lights a scene and its sensors for every daylit hour of a weather file, and writes to a folder
  *     hours.csv, illuminance.csv   a row for each lit hour (ledger.h)
  *     sensors.csv                  a row for each sensor: its measures

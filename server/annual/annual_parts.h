@@ -1,4 +1,3 @@
-/* server/annual/annual_parts.h */
 /* Data and functions that the files of this room share. Private. One thread. */
 #ifndef ANNUAL_ANNUAL_PARTS_H
 #define ANNUAL_ANNUAL_PARTS_H

@@ -1,4 +1,3 @@
-/* server/annual/glare_view.h */
 /* The daylight glare probability of a fisheye view's images. Thread: one per object. */
 #ifndef ANNUAL_GLARE_VIEW_H
 #define ANNUAL_GLARE_VIEW_H

@@ -1,4 +1,3 @@
-/* server/annual/ledger.h */
 /* The tables of a year: hours.csv, a row for each lit moment, and illuminance.csv, the same rows with a column for each
  * sensor. Each row is appended as soon as it is computed, so that a killed run leaves whole rows. Thread: one. */
 #ifndef ANNUAL_LEDGER_H

@@ -1,4 +1,3 @@
-/* server/annual/maps.h */
 /* Images of a year: heat maps over day and hour, values of sensors in plan, luminance in false colour.
  * Thread: any, on separate files. */
 #ifndef ANNUAL_MAPS_H

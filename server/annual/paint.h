@@ -1,4 +1,3 @@
-/* server/annual/paint.h */
 /* An 8-bit sRGB canvas to paint on: rectangles, capital letters and digits, a colour scale, PNG files.
  * Thread: one per canvas. */
 #ifndef ANNUAL_PAINT_H

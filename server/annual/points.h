@@ -1,4 +1,3 @@
-/* server/annual/points.h */
 /* The points of measurement (sensors): read from a file or laid out as a grid over a surface. Thread: any, on
  * separate objects. */
 #ifndef ANNUAL_POINTS_H

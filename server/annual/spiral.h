@@ -1,4 +1,3 @@
-/* server/annual/spiral.h */
 /* Vogel's spiral: sample points that divide a disc into equal areas. Thread: any. */
 #ifndef ANNUAL_SPIRAL_H
 #define ANNUAL_SPIRAL_H

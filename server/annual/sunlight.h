@@ -1,4 +1,3 @@
-/* server/annual/sunlight.h */
 /* The illuminance of sensors from the sun's disc alone, without reflections, as annual sunlight exposure requires.
  * Sixteen rays are spread over the disc; panes of thin glass weight each by their transmittance, for luminance.
  * Thread: one; all OpenMP threads are used. */

@@ -1,4 +1,3 @@
-/* server/base/cancel.h */
 /* Cancels long computations: the owner sets a flag from any thread, and the computation checks it now and then. */
 #ifndef BASE_CANCEL_H
 #define BASE_CANCEL_H

@@ -1,4 +1,3 @@
-/* server/base/choice.h */
 /* The names of an enumerated setting's values, one list for each enum: flags, configuration files, control messages,
  * --help and the viewer page all read it. */
 #ifndef BASE_CHOICE_H

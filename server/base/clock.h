@@ -1,4 +1,3 @@
-/* server/base/clock.h */
 /* Clocks: monotonic time and calendar time. The rooms that compute light must not include this header. Thread: any. */
 #ifndef BASE_CLOCK_H
 #define BASE_CLOCK_H

@@ -1,4 +1,3 @@
-/* server/base/config.h */
 /* A configuration file: one JSON object [RFC 8259] whose keys are a program's flags without their dashes. A flag with a
  * value takes a string or a number; a switch takes true or false.
  * Thread: one at a time. Strings that are returned belong to the configuration and live as long as it does. */

@@ -1,4 +1,3 @@
-/* server/base/cpu.h */
 /* x86-64 micro-architecture levels. Rooms that build a kernel for several levels select one here, so that --cpu LEVEL
  * lowers all of them. Other architectures have the baseline only. Thread: any. */
 #ifndef BASE_CPU_H

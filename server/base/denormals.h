@@ -1,4 +1,3 @@
-/* server/base/denormals.h */
 /* Denormals take a hundred cycles and contribute no visible light. They are flushed to zero in every thread, so that
  * results agree. Thread: affects the calling thread only. */
 #ifndef BASE_DENORMALS_H

@@ -1,4 +1,3 @@
-/* server/base/digest.h */
 /* 128-bit digests (XXH3 of xxHash) that identify what a cached file was computed from. They detect accidental changes;
  * they do not resist an attacker who constructs collisions. The result is the same on all little-endian processors.
  * Thread: any, one thread per digest. */

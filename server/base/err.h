@@ -1,4 +1,3 @@
-/* server/base/err.h */
 /* Error codes and error messages.
  * A function that can fail returns `enum err`; 0 is success. A function that reads external data also takes a
  * `struct reason *`: the function that detects the error writes one line there (what, where, why), callers pass it on,

@@ -1,4 +1,3 @@
-/* server/base/file_pattern.h */
 /* Names of numbered files: "image.%04d.exr". A pattern has at most one %d or %0Nd and no other '%'. Thread: any. */
 #ifndef BASE_FILE_PATTERN_H
 #define BASE_FILE_PATTERN_H

@@ -1,4 +1,3 @@
-/* server/base/file_store.h */
 /* Atomic file writes: no reader ever sees a partial file. Writes to NAME.part in the same folder, syncs it, renames it
  * to NAME and syncs the folder. After ERR_OK the file survives a power failure. After an error or a kill the old file
  * is intact; at most a .part file remains, which the next writer of that name reuses. Thread: any, but one at a time

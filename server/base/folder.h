@@ -1,4 +1,3 @@
-/* server/base/folder.h */
 /* Output folders. Thread: any. */
 #ifndef BASE_FOLDER_H
 #define BASE_FOLDER_H

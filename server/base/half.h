@@ -1,4 +1,3 @@
-/* server/base/half.h */
 /* Half floats (IEEE 754 binary16), as EXR files and the caches of light store them. Integer arithmetic gives the bits
  * of the processor's own instructions without denormals, which shading flushes to zero. Thread: any. */
 #ifndef BASE_HALF_H

@@ -1,4 +1,3 @@
-/* server/base/handoff.h */
 /* Triple buffering between one writer thread and one reader thread: neither waits while the other copies. The writer
  * fills a free slot and publishes it; the reader takes the newest published slot; publishing drops a slot that was not
  * taken. The reader may take the slot for its next turn early. The caller owns the contents of the slots, which are

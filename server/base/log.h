@@ -1,4 +1,3 @@
-/* server/base/log.h */
 /* The log: one line per event on standard error, as `relightd: warning: text` or in a machine-readable format.
  * Thread: any, except log_init and log_configure. Lines are never interleaved. Control characters, which may come from
  * outside, are written as '?'. */

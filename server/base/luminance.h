@@ -1,4 +1,3 @@
-/* server/base/luminance.h */
 /* Photometric units of images: linear Rec.709 in W sr^-1 m^-2 to luminance in cd m^-2, by Radiance's convention of
  * 179 lm/W for white [Ward 1994]. Thread: any. */
 #ifndef BASE_LUMINANCE_H

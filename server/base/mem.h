@@ -1,4 +1,3 @@
-/* server/base/mem.h */
 /* The server's allocator: zeroed memory, aligned to 64 bytes (a cache line, a vector of 16 floats), with overflow
  * checks. The caller owns the block and frees it with mem_free. Thread: any. */
 #ifndef BASE_MEM_H

@@ -1,4 +1,3 @@
-/* server/base/notify.h */
 /* Status messages to the service manager, as systemd's sd_notify(3): one datagram to the socket named by NOTIFY_SOCKET.
  * Does nothing if the variable is unset or no one listens. Thread: any. */
 #ifndef BASE_NOTIFY_H

@@ -1,4 +1,3 @@
-/* server/base/process.h */
 /* Resource usage of this process, as the system reports it. Thread: any. */
 #ifndef BASE_PROCESS_H
 #define BASE_PROCESS_H

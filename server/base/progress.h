@@ -1,4 +1,3 @@
-/* server/base/progress.h */
 /* A progress line for long computations: `rendering  12/67  18 %  0:42 left`, redrawn in place at most ten times a
  * second on a terminal; elsewhere a line of the log every ten seconds. One line per process at a time.
  * Thread: any for progress_step; the other functions belong to the thread that owns the line. */

@@ -1,4 +1,3 @@
-/* server/base/recent.h */
 /* Decides when to free a buffer that is reused from frame to frame: it compares the buffer's size with what the last
  * RECENT_FRAMES frames needed, so that one large frame does not pin its memory. Thread: that of the buffer's owner. */
 #ifndef BASE_RECENT_H

@@ -1,4 +1,3 @@
-/* server/base/rng.h */
 /* Counter-based random numbers: the same seed, pass and index give the same number in any thread and any order. Thread:
  * any; one thread per struct rng. */
 #ifndef BASE_RNG_H

@@ -1,4 +1,3 @@
-/* server/base/scratch.h */
 /* An arena for the temporary memory that a library needs to read or write one file. It serves allocations from one
  * block that is kept for the next file, so that after a few similar files nothing comes from the system. The block
  * grows to twice the peak use of a file, at most SCRATCH_MAX; what does not fit comes from mem_alloc. Thread: one at a

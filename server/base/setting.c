@@ -1,4 +1,3 @@
-/* server/base/setting.c */
 #include "base/setting.h"
 
 #include <assert.h>

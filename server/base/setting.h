@@ -1,4 +1,3 @@
-/* server/base/setting.h */
 /* Settings as rows of a table: one row defines the flag, the key of the configuration file, the --help and manual
  * text, the field of control messages with its range and clause of PROTOCOL.md, and where the value is stored. Rows
  * are constant and shared; values are plain structs of the caller's. Functions of their arguments, any thread. */

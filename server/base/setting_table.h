@@ -1,4 +1,3 @@
-/* server/base/setting_table.h */
 /* Short words for the rows of a table of settings; for the file that defines one, after all other headers. */
 #ifndef BASE_SETTING_TABLE_H
 #define BASE_SETTING_TABLE_H

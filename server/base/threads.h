@@ -1,4 +1,3 @@
-/* server/base/threads.h */
 /* Prepares the threads of libraries (OpenMP, TBB, OpenBLAS) and tests whether the system can start them. */
 #ifndef BASE_THREADS_H
 #define BASE_THREADS_H

@@ -1,4 +1,3 @@
-/* server/base/vec.h */
 /* Three-component float vectors: a point (m), a direction, or linear Rec.709. Thread: any. */
 #ifndef BASE_VEC_H
 #define BASE_VEC_H

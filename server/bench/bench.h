@@ -1,4 +1,3 @@
-/* server/bench/bench.h */
 /* Measures each stage of the pipeline, and the whole pipeline, against its bare limit in one process. Both are timed
  * in turns, and the report has medians over the rounds, so that a noisy machine does not decide the result. Main
  * thread. */

@@ -1,4 +1,3 @@
-/* server/bench/bench_parts.h */
 /* Data and functions that the rows share. Private to this room; main thread. */
 #ifndef BENCH_BENCH_PARTS_H
 #define BENCH_BENCH_PARTS_H

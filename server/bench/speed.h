@@ -1,4 +1,3 @@
-/* server/bench/speed.h */
 /* The figures of relight-bench --speed: one scene at one size and CPU level. Private to the room. Main thread. */
 #ifndef BENCH_SPEED_H
 #define BENCH_SPEED_H

@@ -1,4 +1,3 @@
-/* server/brdf/lanes.h */
 /* Arithmetic on 16 lanes at once, in plain C that the compiler vectorises. Included only by the kernels. */
 #ifndef BRDF_LANES_H
 #define BRDF_LANES_H

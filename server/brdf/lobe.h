@@ -1,4 +1,3 @@
-/* server/brdf/lobe.h */
 /* The BRDF (D lobe) of one surface point, one direction at a time, in double precision: the same models as lobes.h, for
  * estimators that trace paths. wo points to the eye's side, wi to the light's side; both are unit and point away from
  * the surface. Thread: any. */

@@ -1,4 +1,3 @@
-/* server/brdf/lobes.h */
 /* BRDFs of the 16 points of a packet: BRDF times cosine, the probability density of sampling, and sampling itself.
  * Included only by the kernels, which are compiled once per CPU level.
  *

@@ -1,4 +1,3 @@
-/* server/cache/cache_file.h */
 /* Files of tables that take long to compute and that later runs need again. A file consists of sections, each with a
  * name, a key (the digest of everything that determines its contents), a length and a checksum. Numbers have the
  * machine's own byte order. A file is untrusted: checksums detect damage (every error of up to 32 bits), the lengths

@@ -1,4 +1,3 @@
-/* server/cache/cache_folder.h */
 /* The folder of --cache-dir, which several programs and users' services share: files of tables (cache_file.h) whose
  * names contain a digest of everything they depend on. Its size is limited; the least recently used files are deleted
  * first. Thread: any. */

@@ -1,4 +1,3 @@
-/* server/cache/memory.h */
 /* The memory limit of --cache-memory. Both caches share one limit: direct light takes its share first, indirect light
  * gets the rest. All sizes are in bytes that a cache keeps once it is built. Pure functions; any thread. */
 #ifndef CACHE_MEMORY_H

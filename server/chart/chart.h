@@ -1,4 +1,3 @@
-/* server/chart/chart.h */
 /* The whole chart: every scene under every sky in every class of light. Files are written after each panel, so that an
  * interrupted run leaves a shorter chart. Main thread; uses all OpenMP threads. */
 #ifndef CHART_CHART_H

@@ -1,4 +1,3 @@
-/* server/chart/csv.h */
 /* Every point of every panel as a row of CSV [RFC 4180] below a header row; times in milliseconds. Any thread. */
 #ifndef CHART_CSV_H
 #define CHART_CSV_H

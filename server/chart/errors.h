@@ -1,4 +1,3 @@
-/* server/chart/errors.h */
 /* The errors that are charted. To add one, add a value here, a row in errors.c and a line in errors_of. Any thread. */
 #ifndef CHART_ERRORS_H
 #define CHART_ERRORS_H

@@ -1,4 +1,3 @@
-/* server/chart/judge.h */
 /* The error of images against a truth that is known only through two references a and b, computed with different
  * random numbers. With weights q = 1 / (r^2 + 1e-2 mean(r)^2), r = (a + b) / 2, the error of a picture x is
  *     mean(q (x - a)(x - b)),

@@ -1,4 +1,3 @@
-/* server/chart/machine.h */
 /* The machine, date and build of a measurement, without which times mean nothing. */
 #ifndef CHART_MACHINE_H
 #define CHART_MACHINE_H

@@ -1,4 +1,4 @@
-/* server/chart/measure.c: the runs that fill a panel (panel.h). */
+/* The runs that fill a panel (panel.h). */
 #include "chart/panel.h"
 
 #include "base/clock.h"

@@ -1,4 +1,3 @@
-/* server/chart/page.h */
 /* The report for people: one self-contained HTML file. First it says which method to choose; then comes a panel for
  * each scene, sky and class of light, with charts, pictures at equal time and a table; last, how it was made. Main
  * thread. */

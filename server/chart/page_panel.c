@@ -1,4 +1,4 @@
-/* server/chart/page_panel.c: one panel of the page. */
+/* One panel of the page. */
 #include "chart/page.h"
 
 #include "chart/plot.h"

@@ -1,4 +1,3 @@
-/* server/chart/panel.h */
 /* One panel of the chart: a scene under a sky in one class of light, with the results of every technique at every
  * budget. panel_measure fills it; then it is only read. One thread of control. */
 #ifndef CHART_PANEL_H

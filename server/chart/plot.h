@@ -1,4 +1,3 @@
-/* server/chart/plot.h */
 /* Charts by gnuplot: error over time, both logarithmic, a line for each technique with its 10-90 % band, and a guide
  * with the slope that more samples give. One thread at a time. */
 #ifndef CHART_PLOT_H

@@ -1,4 +1,3 @@
-/* server/chart/series.h */
 /* Statistics of curves of error over time: quantiles over seeds, interpolation, the lower envelope of several curves,
  * and with which confidence another stays near it. Pure functions; any thread. */
 #ifndef CHART_SERIES_H

@@ -1,4 +1,3 @@
-/* server/chart/technique.h */
 /* The techniques that are compared: named ways of lighting a picture, and what a budget means for each. Constant
  * tables; any thread may read them, and run techniques on a relighter of its own. */
 #ifndef CHART_TECHNIQUE_H

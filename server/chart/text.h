@@ -1,4 +1,3 @@
-/* server/chart/text.h */
 /* Text that grows in memory and is stored whole. A zeroed struct text is empty. Out of memory, the text stays as it is
  * and `failed` is set, which text_store reports. One thread at a time. */
 #ifndef CHART_TEXT_H

@@ -1,4 +1,3 @@
-/* server/chart/thumb.h */
 /* Small pictures within a page: JPEG in data: addresses. One thread at a time per encoder. */
 #ifndef CHART_THUMB_H
 #define CHART_THUMB_H

@@ -1,4 +1,3 @@
-/* server/chart/truth.h */
 /* Two references a and b of a picture with different random numbers, over the whole pixel and not only its centre.
  * Background, direct light and ordinary interreflection come from the path tracer (estimators/baselines/path.h),
  * caustics and their interreflection from the light tracer, and both of them in mirrors and behind glass from eye paths

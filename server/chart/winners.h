@@ -1,4 +1,3 @@
-/* server/chart/winners.h */
 /* Which techniques win at equal time, at equal error and over all panels, and how far the others are behind. Pure
  * functions of panels; any thread. */
 #ifndef CHART_WINNERS_H

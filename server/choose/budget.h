@@ -1,4 +1,3 @@
-/* server/choose/budget.h */
 /* Divides a frame's time among its parts so that the error is minimal. Pure functions. Thread: any.
  *
  * The parts' errors are independent, so their relative squared errors add up. A part is made with n units (samples,

@@ -1,4 +1,3 @@
-/* server/choose/pilot_allot.h */
 /* Distributes samples over packets: more where more error remains.
  *
  * The picture's error is a sum over packets, E = sum h_i / n_i. h_i is the error of one sample per point in the pixels

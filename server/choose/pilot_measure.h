@@ -1,4 +1,3 @@
-/* server/choose/pilot_measure.h */
 /* Groups of pixels spread over the image, with the packets that hold their shade points, and error estimates for the
  * whole image from two independent estimates of a group. Thread: one at a time; loops over pixels run on all OpenMP
  * threads. */

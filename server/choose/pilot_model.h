@@ -1,4 +1,3 @@
-/* server/choose/pilot_model.h */
 /* Predicts error and time of one technique for a part of the image from its count n (samples or paths per point,
  * units of particles). Readings are few, noisy and grow old. Plain data; zeroed memory means no readings. Thread:
  * any. */

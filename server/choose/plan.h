@@ -1,4 +1,3 @@
-/* server/choose/plan.h */
 /* Assigns the classes of light paths (estimators/paths.h) to estimators and counts of samples: each class to exactly
  * one estimator, or to none with a reason. Direct light is always included and not part of the plan. Pure functions.
  * Thread: any. */

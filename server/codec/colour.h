@@ -1,4 +1,3 @@
-/* server/codec/colour.h */
 /* Conversion between linear RGB spaces, given by primaries and white point, through XYZ [SMPTE RP 177] with Bradford
  * chromatic adaptation. Thread: any. */
 #ifndef CODEC_COLOUR_H

@@ -1,4 +1,3 @@
-/* server/codec/cryptomatte.h */
 /* Cryptomatte [Friedman and Jones 2015], specification 1.2.0: a name becomes a 32-bit number by MurmurHash3, the number
  * a float, and a pixel holds pairs of such floats and their coverage, in descending order. Functions of their
  * arguments, any thread. */

@@ -1,4 +1,3 @@
-/* server/codec/decode.h */
 /* Decodes image files.
  * JPEG and PNG, 8 or 16 bits, as sRGB with white at 1 (image.low_range: they hold no HDR).
  * OpenEXR, through OpenEXRCore: half and float, every compression, scan lines or tiles (the largest level of mip and

@@ -1,4 +1,3 @@
-/* server/codec/exr_file.h */
 /* An OpenEXR file during decoding: decode_exr.c fills it from the header, exr_chunks.c reads the pixels. Private to
  * this room. Thread: one per file. The caller owns the bytes. */
 #ifndef CODEC_EXR_FILE_H

@@ -1,4 +1,3 @@
-/* server/codec/exr_policy.h */
 /* Reads EXR headers without OpenEXRCore, attribute by attribute, and restricts which EXR files are accepted from the
  * network. The library's decoders of the other compressions are large, old and have had vulnerabilities; although
  * decoding is sandboxed (decoder/decoder.h), a remote client must not be able to reach them. Every step is checked

@@ -1,4 +1,3 @@
-/* server/codec/exr_write.h */
 /* Writes linear images as OpenEXR through OpenEXRCore: R, G, B, possibly A and channels of further layers, as float or
  * half, ZIP, a single part of scan lines, with Rec.709 chromaticities. Thread: any. The caller owns pixels and
  * attributes. */

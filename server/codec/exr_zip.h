@@ -1,4 +1,3 @@
-/* server/codec/exr_zip.h */
 /* ZIP chunks of OpenEXR files (and ZIPS, for decoding): deflated byte differences, the low bytes of all values before
  * the high ones. OpenEXRCore can do both, but with zlib, which is less than half as fast as libdeflate and allocates
  * memory for each chunk. Private to this room. Thread: one per unpacker and per deflater. */

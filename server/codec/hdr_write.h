@@ -1,4 +1,3 @@
-/* server/codec/hdr_write.h */
 /* Writes linear images as Radiance RGBE [Ward 1991]: #?RADIANCE, 32-bit_rle_rgbe, -Y +X, no EXPOSURE. Mantissas are
  * truncated, as in Radiance's own programs, which read m as (m + 1/2) / 256; of a value just above a power of two the
  * exponent may be one lower, with a mantissa of 255, where that is nearer: a value is then off by at most 1/256 of

@@ -1,4 +1,3 @@
-/* server/codec/image.h */
 /* A decoded environment map: linear Rec.709 radiance, float[height][width][3], top row first. Every value is finite and
  * not negative: decoding sanitises and counts faults. The image owns rgb and is reused from frame to frame.
  * Thread: one at a time, unless a function says otherwise. */

@@ -1,4 +1,3 @@
-/* server/codec/jpeg.h */
 /* JPEG encoding through libjpeg-turbo. Thread: one per encoder, whose output buffer is reused. */
 #ifndef CODEC_JPEG_H
 #define CODEC_JPEG_H

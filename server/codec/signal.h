@@ -1,4 +1,3 @@
-/* server/codec/signal.h */
 /* From a video signal to light: code values to linear Rec.709 in cd/m^2, by range, matrix, transfer function and
  * primaries, each of which is a code point of ITU-T H.273, as video streams state them. Thread: any; a prepared signal
  * is only read. */

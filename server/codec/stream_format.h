@@ -1,4 +1,3 @@
-/* server/codec/stream_format.h */
 /* The video format that a container or network protocol declares, passed from the process that demultiplexes (demux)
  * to the one that decodes (decoder). Untrusted. Any thread. */
 #ifndef CODEC_STREAM_FORMAT_H

@@ -1,4 +1,3 @@
-/* server/compare/error_map.h */
 /* Draws an error map: relative error, logarithmic from 0.1 % (black) through violet, red and orange to 100 % (pale
  * yellow), with evenly increasing lightness and a scale below. Any thread. */
 #ifndef COMPARE_ERROR_MAP_H

@@ -1,4 +1,3 @@
-/* server/compare/flip.h */
 /* FLIP: the difference that a person perceives between two images that alternate on one display [Andersson et al.
  * 2020], written from the paper. Each pixel's difference is in 0..1: 0 where none is visible, 1 for the largest
  * difference of colours or a lone pixel that appears. Noise that the eye averages away at the viewing distance counts

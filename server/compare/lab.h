@@ -1,4 +1,3 @@
-/* server/compare/lab.h */
 /* Display-linear Rec.709 to CIE XYZ and CIE 1976 (L*a*b*), white D65. Any thread. */
 #ifndef COMPARE_LAB_H
 #define COMPARE_LAB_H

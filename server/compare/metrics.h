@@ -1,4 +1,3 @@
-/* server/compare/metrics.h */
 /* The error of an image against a reference (docs/internals/how-it-works.md, Conventions). Both are linear,
  * float[height][width][3]. Any thread. */
 #ifndef COMPARE_METRICS_H

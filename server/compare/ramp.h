@@ -1,4 +1,3 @@
-/* server/compare/ramp.h */
 /* The colours of an error map: black over violet, red and orange to pale yellow, lightness growing evenly, so that
  * equal steps look equal and the map survives a grey printer. Any thread. */
 #ifndef COMPARE_RAMP_H

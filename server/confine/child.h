@@ -1,4 +1,3 @@
-/* server/confine/child.h */
 /* A helper process with which this one talks through a seqpacket socket. Thread: one at a time. */
 #ifndef CONFINE_CHILD_H
 #define CONFINE_CHILD_H

@@ -1,4 +1,3 @@
-/* server/confine/confine.h */
 /* The sandbox of a process that reads untrusted data: irrevocably drops everything that reading does not need.
  * Thread: main, before any other starts. */
 #ifndef CONFINE_CONFINE_H

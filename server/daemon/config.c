@@ -1,4 +1,3 @@
-/* server/daemon/config.c */
 #include "daemon/config.h"
 
 #include "base/config.h"

@@ -1,4 +1,3 @@
-/* server/daemon/cost.h */
 /* Estimates the cost of images from finished ones. Pure functions; the caller measures the time. Thread: one per
  * struct cost. */
 #ifndef DAEMON_COST_H

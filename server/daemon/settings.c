@@ -1,4 +1,3 @@
-/* server/daemon/settings.c */
 #include "daemon/config.h"
 
 #include "codec/frame.h"

@@ -1,4 +1,3 @@
-/* server/daylight/epw.h */
 /* EnergyPlus weather files (.epw) [EnergyPlus 2024]: a header with the place, then one line for each hour. Only what
  * light needs is read. Thread: any. */
 #ifndef DAYLIGHT_EPW_H

@@ -1,4 +1,3 @@
-/* server/daylight/glare.h */
 /* Daylight glare probability [Wienold and Christoffersen 2006]:
  *     DGP = 5.87e-5 Ev + 9.18e-2 log10(1 + sum over sources  Ls^2 ws / (Ev^1.87 P^2)) + 0.16
  * with the vertical illuminance Ev at the eye, and the luminance Ls, solid angle ws and position index P of each source

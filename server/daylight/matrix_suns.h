@@ -1,4 +1,3 @@
-/* server/daylight/matrix_suns.h */
 /* The suns that Radiance's `gendaymtx -D FILE` writes beside a matrix of skies: for each time step with the sun above
  * the horizon
  *     void light solar114150  0 0 3 R G B

@@ -1,4 +1,3 @@
-/* server/daylight/measures.h */
 /* Daylight measures of a year at points of measurement (sensors), from their illuminances. Thread: one per object. */
 #ifndef DAYLIGHT_MEASURES_H
 #define DAYLIGHT_MEASURES_H

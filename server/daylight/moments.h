@@ -1,4 +1,3 @@
-/* server/daylight/moments.h */
 /* The moments of a year that a weather file describes: sun, irradiance and illuminance of each. Thread: any. */
 #ifndef DAYLIGHT_MOMENTS_H
 #define DAYLIGHT_MOMENTS_H

@@ -1,4 +1,3 @@
-/* server/daylight/pattern.h */
 /* How luminance is distributed over the sky. The model of Perez et al. and the skies of ISO 15469 have one form,
  *     L(z, g) / L0 = (1 + a exp(b / cos z)) (base + c exp(d g) + e cos^2 g)
  * with zenith angle z and angle g to the sun: a gradation from zenith to horizon, and an indicatrix around the sun.

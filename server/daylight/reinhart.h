@@ -1,4 +1,3 @@
-/* server/daylight/reinhart.h */
 /* Radiance's subdivision of the sky, which is Tregenza's 145 patches with each side cut by MF [Tregenza 1987; Reinhart
  * and Walkenhorst 2001], in the order of its reinhart.cal and gendaymtx: patch 0 is the ground, all of the lower
  * hemisphere; then come 7 MF rows from the horizon up, each 90 / (7 MF + 1/2) degrees high, whose first patch is

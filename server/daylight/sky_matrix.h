@@ -1,4 +1,3 @@
-/* server/daylight/sky_matrix.h */
 /* Matrices as Radiance's programs write them, with three components. gendaymtx's of skies have a row for each patch of
  * reinhart.h and a column for each time step, W sr^-1 m^-2. Thread: any. */
 #ifndef DAYLIGHT_SKY_MATRIX_H

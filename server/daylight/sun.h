@@ -1,4 +1,3 @@
-/* server/daylight/sun.h */
 /* Where the sun is. Y up, north +Z, east -X. Thread: any. */
 #ifndef DAYLIGHT_SUN_H
 #define DAYLIGHT_SUN_H

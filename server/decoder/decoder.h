@@ -1,4 +1,3 @@
-/* server/decoder/decoder.h */
 /* Decodes untrusted image files in a separate, sandboxed process (relight-decoder) without access to files, the network
  * or new processes, and with limited memory. If a file crashes, hangs or compromises that process, only its frame is
  * lost: it is refused with a reason, and the process is restarted. If the process ended before it had a file, or was

@@ -1,4 +1,3 @@
-/* server/decoder/parts.h */
 /* What decoder.c and video.c share. Private to this room. Thread: one per decoder. */
 #ifndef DECODER_PARTS_H
 #define DECODER_PARTS_H

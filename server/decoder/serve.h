@@ -1,4 +1,3 @@
-/* server/decoder/serve.h */
 /* The main loop of relight-decoder and relight-video: decodes files or video on request until the socket is closed.
  * Thread: main. */
 #ifndef DECODER_SERVE_H

@@ -1,4 +1,3 @@
-/* server/decoder/stream.h */
 /* The work of relight-video: one video stream, packet by packet, through libavcodec. Part of relight-video alone.
  * Thread: main. */
 #ifndef DECODER_STREAM_H

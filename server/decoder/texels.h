@@ -1,4 +1,3 @@
-/* server/decoder/texels.h */
 /* Pictures of libavcodec to linear texels. Part of relight-video alone. Thread: one. */
 #ifndef DECODER_TEXELS_H
 #define DECODER_TEXELS_H

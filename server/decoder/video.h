@@ -1,4 +1,3 @@
-/* server/decoder/video.h */
 /* Video streams decoded in the sandboxed process relight-video, packet by packet, to linear texels. The decoder
  * (decoder.h) must have been created with desc.video. If a packet crashes the process, the stream is lost:
  * video_is_open returns false, and the caller starts it again. Thread: one per decoder. */

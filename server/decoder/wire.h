@@ -1,4 +1,3 @@
-/* server/decoder/wire.h */
 /* Messages between relightd and relight-decoder over a seqpacket socket. File bytes and texels are exchanged through
  * two blocks of shared memory. Private to this room. */
 #ifndef DECODER_WIRE_H

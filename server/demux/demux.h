@@ -1,4 +1,3 @@
-/* server/demux/demux.h */
 /* Takes containers and network streams apart into packets of one video stream, in a separate process, relight-demux,
  * through libavformat. For a file, that process has the file's bytes and may use neither files nor the network. For a
  * network source it may use the network, by the protocols that its URL needs and no others, but no files: a playlist

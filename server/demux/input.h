@@ -1,4 +1,3 @@
-/* server/demux/input.h */
 /* Where relight-demux's bytes come from: memory that maps a file, or the protocols that a URL may use. Thread: main. */
 #ifndef DEMUX_INPUT_H
 #define DEMUX_INPUT_H

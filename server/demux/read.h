@@ -1,4 +1,3 @@
-/* server/demux/read.h */
 /* The work of relight-demux: one container or network stream, through libavformat. Thread: main. */
 #ifndef DEMUX_READ_H
 #define DEMUX_READ_H

@@ -1,4 +1,3 @@
-/* server/demux/wire.h */
 /* Messages between a program and relight-demux over a seqpacket socket. A packet's bytes are passed through shared
  * memory. Private to this room. */
 #ifndef DEMUX_WIRE_H

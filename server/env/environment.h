@@ -1,4 +1,3 @@
-/* server/env/environment.h */
 /* One environment map, ready to light a scene: the decoded image, for filtered lookups, and the cube map with its
  * sampling tables, for sampling and evaluation. Rebuilt for every frame in the same memory.
  * Thread: one at a time may update; between updates any number of threads may read. */

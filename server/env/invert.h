@@ -1,4 +1,3 @@
-/* server/env/invert.h */
 /* Inversion of CDFs for the samplers of this room. Thread: any. */
 #ifndef ENV_INVERT_H
 #define ENV_INVERT_H

@@ -1,4 +1,3 @@
-/* server/env/latlong.h */
 /* Sampling tables on the texels of the lat-long source, as is usual in the literature: an alternative to the cube map,
  * for comparison. The sampled function is the source, nearest texel, times gain: piecewise constant, so that sampling
  * and evaluation agree.

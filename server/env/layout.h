@@ -1,4 +1,3 @@
-/* server/env/layout.h */
 /* The mapping between directions and texels for each layout, and the solid angles of texels, in the image's own frame
  * (before the environment's rotation). Texels are areas: texel (x, y) spans x..x+1 and y..y+1, from the top left.
  *

@@ -1,4 +1,3 @@
-/* server/env/lookup_place.h */
 /* Precomputed lookups. For a fixed direction, and environment maps of constant layout, size and rotation, the part of
  * environment_lookup_wide that depends on geometry alone is computed once; per frame only four texels are read. The
  * result is identical to environment_lookup_wide's.

@@ -1,4 +1,3 @@
-/* server/env/pyramid.h */
 /* A mip pyramid of the cube map [Williams 1983]: levels of half the resolution down to one texel per face, and the
  * mean, for lookups by wide pixels. Rebuilt for every frame in the same memory.
  *

@@ -1,4 +1,3 @@
-/* server/env/resample.h */
 /* Resampling from a source layout to the cube map: a sparse matrix of the solid angles in which source and cube texels
  * overlap, computed once per layout, size and rotation (resample_table.h) and applied to every frame. A constant sky
  * stays constant, and each source texel's energy is conserved, both to 1e-5. Directions that a layout does not cover (a

@@ -1,4 +1,3 @@
-/* server/env/resample_build.h */
 /* Construction of the table of resample.h: dividing the source into blocks, and two ways to find overlaps. Private to
  * this room. Thread: any, on separate objects. */
 #ifndef ENV_RESAMPLE_BUILD_H

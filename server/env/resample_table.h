@@ -1,4 +1,3 @@
-/* server/env/resample_table.h */
 /* The sparse matrix of resample.h: the source texels and weights of each cube texel. It takes some tenths of a second
  * and about 16 MB to compute, depends only on its key, and never changes afterwards, so that any number of threads and
  * environments can share it. Tables are reference-counted.

@@ -1,4 +1,3 @@
-/* server/env/samples.h */
 /* Light samples of one environment map: drawn once per frame and shared by all shading points. A stratum is a region of
  * the sphere with its own density: the whole sphere, a face of the cube map or a cell of it, or the sun. Samples of a
  * stratum invert its tables with a progressive low-discrepancy sequence, so that each prefix is itself well

@@ -1,4 +1,3 @@
-/* server/env/sky_table.h */
 /* Sampling tables for multiple importance sampling at shading points: the cube map's densities, compensated for MIS and
  * stratified into cells of the faces and the sun. The light tracer and eye paths do not use them: they sample the whole
  * sky as one table (environment_sample).

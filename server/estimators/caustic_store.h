@@ -1,4 +1,3 @@
-/* server/estimators/caustic_store.h */
 /* Stores light paths that start at specular objects (casters), and relights them under each sky: caustics and their
  * indirect light follow the sky without tracing rays.
  *

@@ -1,4 +1,3 @@
-/* server/estimators/direct.h */
 /* Direct light at the shading points of a G-buffer: the paths E S* D L. At point p with normal n, seen from o,
  *     Lo = integral of f(o, w) max(0, n.w) V(p, w) L(w) dw,
  * estimated by multiple importance sampling with the balance heuristic over the strata of the sky and the lobes of the

@@ -1,4 +1,3 @@
-/* server/estimators/direct_kernel.c */
 /* The kernel of direct light: shades one packet of 16 points. Compiled once per CPU level, see CMakeLists.txt. */
 #include "estimators/direct_log.h"
 #include "estimators/kernels.h"

@@ -1,4 +1,3 @@
-/* server/estimators/direct_log.h */
 /* A log of one shading point's samples, which the kernel records while it shades (direct_desc.log). The values are
  * those of the actual run, so their sum equals the point's radiance exactly. Thread: that of direct_shade. The log owns
  * its arrays. */

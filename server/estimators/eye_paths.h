@@ -1,4 +1,3 @@
-/* server/estimators/eye_paths.h */
 /* Indirect light at the shading points of a G-buffer by path tracing: caustics and interreflection (paths.h), at points
  * seen directly and at points seen in mirrors and through glass, which light paths cannot reach. At each point,
  *     Lo = integral of f(wo, w) max(0, n.w) L(w) dw,

@@ -1,4 +1,3 @@
-/* server/estimators/eye_store.h */
 /* Stores eye paths that meet the sky after a mirror or glass, and relights them under each sky without tracing rays.
  * They are caustics, and indirect light of caustics, at points seen in mirrors or through glass, which light paths
  * cannot reach (paths.h).

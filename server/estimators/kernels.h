@@ -1,4 +1,3 @@
-/* server/estimators/kernels.h */
 /* The inner loops, compiled from the same source once per CPU level; kernels_select picks one at start. Within a level,
  * results are the same on all machines; between levels they may differ by rounding only. (In practice they are equal,
  * since levels differ in vector width only, without contraction and with the same order of sums:

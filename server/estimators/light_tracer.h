@@ -1,4 +1,3 @@
-/* server/estimators/light_tracer.h */
 /* The light tracer: traces paths from the sky into the scene and connects them to the camera at every rough surface
  * [DH09]: it finds caustics, which eye paths miss under a sun, and interreflection (paths.h).
  *

@@ -1,4 +1,3 @@
-/* server/estimators/method.h */
 /* The methods for direct light (--method) and their sampling techniques. Thread: any. */
 #ifndef ESTIMATORS_METHOD_H
 #define ESTIMATORS_METHOD_H

@@ -1,4 +1,3 @@
-/* server/estimators/packed_direction.h */
 /* Directions in 4 bytes: 3 bits of face, 14 of row and 14 of column of a cube map with 2^14 texels per edge. On any
  * cube map whose edge divides that, the texel is the one of cube_texel; on others possibly a neighbour. Private to this
  * room. Thread: any. */

@@ -1,4 +1,3 @@
-/* server/estimators/particles.h */
 /* Particles from the sky and their splats: shared by light_tracer.h and caustic_store.h. Private to this room.
  *
  * A particle starts with flux L / (p_w p_y) / N on a line of direction -w, is traced through the scene, and leaves a

@@ -1,4 +1,3 @@
-/* server/estimators/paths.h */
 /* Classes of light paths. E: eye, L: environment, S and D: scattering events; a lobe is S if it is a delta (mirror,
  * glass, ggx with alpha below ALPHA_DELTA), else D. In a frame, exactly one estimator computes each class.
  *   background       E S* L             looked up in the G-buffer's escape directions

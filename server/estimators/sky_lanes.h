@@ -1,4 +1,3 @@
-/* server/estimators/sky_lanes.h */
 /* Sky lookups for 16 directions at once: radiance and densities, bit-identical to environment_evaluate and
  * sky_table_evaluate. Scalar lookups took a quarter of a frame, since each waits for a texel outside the near caches;
  * sixteen lookups overlap their waits. Included by kernels only. */

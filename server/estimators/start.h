@@ -1,4 +1,3 @@
-/* server/estimators/start.h */
 /* Where light paths from the environment start [DH09, section 3]: for a direction, samples a line of light that hits
  * given boxes. The density is per square metre perpendicular to the direction.
  *

@@ -1,4 +1,3 @@
-/* server/film/false_colour.h */
 /* False colour: luminance as a colour from dark blue over green and yellow to red, ever brighter up to yellow. Thread:
  * any. */
 #ifndef FILM_FALSE_COLOUR_H

@@ -1,4 +1,3 @@
-/* server/film/film.h */
 /* The display transform: exposure, tone curve, 8-bit sRGB. Linear images are float[height][width][3], linear Rec.709
  * radiance, top row first. Thread: any, one per struct exposure. The caller owns all arrays. */
 #ifndef FILM_FILM_H

@@ -1,4 +1,3 @@
-/* server/film/tone_kernel.h */
 /* From exposed light to code values by tables made for one curve: the inner loop of tone_map. Private to this room, its
  * tests and benchmarks. Thread: any. The caller owns all arrays. */
 #ifndef FILM_TONE_KERNEL_H

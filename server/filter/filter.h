@@ -1,4 +1,3 @@
-/* server/filter/filter.h */
 /* Removes noise from the light at shade points, guided by the G-buffer: an edge-avoiding a-trous wavelet filter
  * [Dammertz et al. 2010], steered by variance as in SVGF [Schied et al. 2017].
  *

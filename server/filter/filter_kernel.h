@@ -1,4 +1,3 @@
-/* server/filter/filter_kernel.h */
 /* One level of the filter on rows of pixels: the inner loop of filter_run. Private to this room and its tests. Thread:
  * any; the caller owns all arrays. */
 #ifndef FILTER_FILTER_KERNEL_H

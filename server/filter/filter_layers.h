@@ -1,4 +1,3 @@
-/* server/filter/filter_layers.h */
 /* Which points of a G-buffer are filtered together. Private to this room. Thread: one at a time. */
 #ifndef FILTER_FILTER_LAYERS_H
 #define FILTER_FILTER_LAYERS_H

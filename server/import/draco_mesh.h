@@ -1,4 +1,3 @@
-/* server/import/draco_mesh.h */
 /* Draco's C++ library behind functions of C. Private to this room. Thread: one at a time. */
 #ifndef IMPORT_DRACO_MESH_H
 #define IMPORT_DRACO_MESH_H

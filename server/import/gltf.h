@@ -1,4 +1,3 @@
-/* server/import/gltf.h */
 /* The parts of our reader of glTF 2.0 [glTF 2.0]. Private to this room. Thread: one at a time. */
 #ifndef IMPORT_GLTF_H
 #define IMPORT_GLTF_H

@@ -1,4 +1,3 @@
-/* server/import/gltf_mesh.h */
 /* Parts of a mesh of glTF. Private to this room. Thread: one at a time. */
 #ifndef IMPORT_GLTF_MESH_H
 #define IMPORT_GLTF_MESH_H

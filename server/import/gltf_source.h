@@ -1,4 +1,3 @@
-/* server/import/gltf_source.h */
 /* What readers of a glTF file's materials share. Private to this room. Thread: one at a time. */
 #ifndef IMPORT_GLTF_SOURCE_H
 #define IMPORT_GLTF_SOURCE_H

@@ -1,4 +1,3 @@
-/* server/import/gltf_textures.h */
 /* Textures of glTF: each image is read once per use. Private to this room. Thread: one at a time. */
 #ifndef IMPORT_GLTF_TEXTURES_H
 #define IMPORT_GLTF_TEXTURES_H

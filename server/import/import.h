@@ -1,4 +1,3 @@
-/* server/import/import.h */
 /* Reads scene files and all that they name, in this process: call it in one that is confined (reader/reader.h), since
  * the libraries behind it are not made for hostile files. Thread: one at a time. */
 #ifndef IMPORT_IMPORT_H

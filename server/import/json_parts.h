@@ -1,4 +1,3 @@
-/* server/import/json_parts.h */
 /* The parts of JSON scenes: json.c reads materials, cameras and lights, json_models.c places models. Private to this
  * room. Thread: one at a time. */
 #ifndef IMPORT_JSON_PARTS_H

@@ -1,4 +1,3 @@
-/* server/import/parts.h */
 /* The parts of import.h. Private to this room. Thread: one at a time. */
 #ifndef IMPORT_PARTS_H
 #define IMPORT_PARTS_H

@@ -1,4 +1,3 @@
-/* server/light/decide.h */
 /* Decides what a frame computes and why, for the server and all tools, and runs the decision.
  *
  * An explicit method is used unchanged. METHOD_AUTO with sample counts follows rules (estimators/method.h for direct

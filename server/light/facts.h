@@ -1,4 +1,3 @@
-/* server/light/facts.h */
 /* The inputs of choose/plan.h: the contents of the scene and the distribution of the sky's light. Pure functions.
  * Thread: any. */
 #ifndef LIGHT_FACTS_H

@@ -1,4 +1,3 @@
-/* server/light/layers.h */
 /* Splits an image into layers, one per class of light. The layers use the settings, counts and random numbers of the
  * whole image, so that
  *     direct + indirect + caustics + background = the image without its filter,     sun + sky = direct

@@ -1,4 +1,3 @@
-/* server/light/pilot.h */
 /* METHOD_AUTO with a time or an error: measures time and error of each technique for each part of the picture, and
  * divides the frame's time so that the error is minimal (choose/budget.h). The relighter runs the choice.
  *

@@ -1,4 +1,3 @@
-/* server/light/pilot_parts.h */
 /* Shared by the pilot's files: pilot.c makes the frame, pilot_probe.c measures techniques on groups of pixels,
  * pilot_choose.c decides, pilot_report.c fills the statistics. Thread: as pilot.h. */
 #ifndef LIGHT_PILOT_PARTS_H

@@ -1,4 +1,3 @@
-/* server/light/reference.h */
 /* One entry point for all methods that render whole images, camera rays included: the reference and the baselines of
  * server/estimators/baselines. */
 #ifndef LIGHT_REFERENCE_H

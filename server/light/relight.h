@@ -1,4 +1,3 @@
-/* server/light/relight.h */
 /* A static scene, relit by one environment frame after another, for relightd and the tools. A struct set is immutable;
  * any number of threads may read it. A struct relighter belongs to one thread. */
 #ifndef LIGHT_RELIGHT_H

@@ -1,4 +1,3 @@
-/* server/light/relight_passes.h */
 /* The passes of a picture: direct light and eye paths at the shade points, the resolve from points to pixels, and
  * particles from the light. A struct picture_passes describes them: relighter_run fills it by rules, the pilot by
  * measurements, and one function runs it (relight.c). A struct passes holds their working memory. One thread of

@@ -1,4 +1,3 @@
-/* server/output/output.h */
 /* Writes images: a file per frame, or one video; the extension selects the format. A new kind of output is one row
  * of the table in output.c. One thread. */
 #ifndef OUTPUT_OUTPUT_H

@@ -1,4 +1,3 @@
-/* server/probe/probe.h */
 /* Explains the light of one pixel. Splits the estimate of direct light at the pixel's heaviest shading point into its
  * samples, as in [LPG13, Fig. 1], maps the visibility from there, and computes a reference with many more samples.
  * The samples are those of direct_shade itself, recorded by direct_log.h: with the frame's own method, samples, seed

@@ -1,4 +1,3 @@
-/* server/probe/probe_parts.h */
 /* Divides the light of a pixel by the classes of paths.h. Direct light is the probe's reference, the background is
  * exact, and each other class has eye paths of its own (eye_paths.h) at the pixel's shading points, without a limit on
  * their light: unbiased. Thread: one at a time; runs on all OpenMP threads. */

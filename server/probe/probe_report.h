@@ -1,4 +1,3 @@
-/* server/probe/probe_report.h */
 /* The report on where a pixel's light comes from: the JSON that relightd sends in reply to `probe` and relight-render
  * prints for --probe (protocol/PROTOCOL.md 4.16). Thread: one per struct prober. */
 #ifndef PROBE_PROBE_REPORT_H

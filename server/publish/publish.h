@@ -1,4 +1,3 @@
-/* server/publish/publish.h */
 /* Publishes the live stream to other programs: H.264 over RTMP, RTSP and SRT, as HLS in a folder, and as recordings.
  * Each target has a thread and a bounded queue: a slow or dead target loses only its own images and is retried
  * after 0.5 to 10 s. All targets share the encoded images with the viewers. */

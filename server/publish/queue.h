@@ -1,4 +1,3 @@
-/* server/publish/queue.h */
 /* Queues images for one target, from the encode thread, which never blocks, to the target's thread. A full queue
  * drops the oldest images up to the next keyframe, because a predicted image is useless without the one before. If
  * it holds no keyframe, it drops all new images until one arrives. The queue locks. Thread: any. */

@@ -1,4 +1,3 @@
-/* server/publish/sink.h */
 /* An opened output of one target: a connection, a folder of HLS segments, or a recording. Thread: the target's. */
 #ifndef PUBLISH_SINK_H
 #define PUBLISH_SINK_H

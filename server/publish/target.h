@@ -1,4 +1,3 @@
-/* server/publish/target.h */
 /* A destination of the live stream: one parsed --publish of relightd. Pure functions. Thread: any.
  */
 #ifndef PUBLISH_TARGET_H

@@ -1,4 +1,3 @@
-/* server/radiance/components.h */
 /* A scene's light as daylight coefficients [Tregenza and Waters 1983]: for each patch of Radiance's sky (reinhart.h)
  * the image under a sky that has a radiance of 1 there and 0 elsewhere. The image under any sky of such patches is
  * their sum, each times its patch's radiance, which is what Radiance's dctimestep makes of them.

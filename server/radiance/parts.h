@@ -1,4 +1,3 @@
-/* server/radiance/parts.h */
 /* --method components: daylight coefficients read back [Tregenza and Waters 1983]. A part is the image under a sky
  * whose radiance is 1 in one patch of Radiance's sky (daylight/reinhart.h) and 0 elsewhere; the image under any sky
  * is the sum of the parts, each times its patch's mean radiance (sky_patches.h), as dctimestep makes it:

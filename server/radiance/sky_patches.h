@@ -1,4 +1,3 @@
-/* server/radiance/sky_patches.h */
 /* An environment map as the patches of Radiance's sky (daylight/reinhart.h), for sums of daylight coefficients.
  * Thread: any that may read the environment; all OpenMP threads are used. */
 #ifndef RADIANCE_SKY_PATCHES_H

@@ -1,4 +1,3 @@
-/* server/radiance/view_line.h */
 /* A camera as Radiance's VIEW line, for the header of an image. Thread: any. */
 #ifndef RADIANCE_VIEW_LINE_H
 #define RADIANCE_VIEW_LINE_H

@@ -1,4 +1,3 @@
-/* server/ranks/ranks.h */
 /* The processes of one MPI job, called ranks: mpirun -n 4 relight-render ... starts four. They agree on errors, take
  * numbers from one shared counter, and send their texts to rank 0. Unless a launcher has started several processes,
  * there is no job: `struct ranks *` is then NULL, which all functions treat as a single process.

@@ -1,4 +1,3 @@
-/* server/reader/builtin.h */
 /* The built-in scene, shown if no file is given. Thread: any. */
 #ifndef READER_BUILTIN_H
 #define READER_BUILTIN_H

@@ -1,4 +1,3 @@
-/* server/reader/files.h */
 /* The files that loading a scene may open: the scene file, files below its folder, and files below the folders of
  * the models that the scene file names, which must be declared before the first model is opened. A symbolic link that
  * leads out of these folders is refused, unless it is one of those models. Thread: one at a time. */

@@ -1,4 +1,3 @@
-/* server/reader/host.h */
 /* The requests of code that reads a scene to the side that may open files (in relight-reader the parent process, in
  * tests the same process, files.h), and the options with which the scene is read. Thread: one at a time. */
 #ifndef READER_HOST_H

@@ -1,4 +1,3 @@
-/* server/reader/parcel.h */
 /* A scene as one file of flat arrays, which relight-reader passes to its parent. The parent trusts none of it: it
  * checks each size, index and value, on a copy that the other process cannot change. Thread: one at a time. */
 #ifndef READER_PARCEL_H

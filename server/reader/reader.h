@@ -1,4 +1,3 @@
-/* server/reader/reader.h */
 /* Loads a scene from files through relight-reader, a confined process that cannot open files: this process opens the
  * files that a scene may use (files.h) and sends their descriptors. If a file makes relight-reader crash, hang or
  * exceed its limits, the scene is refused with a reason. The result is not trusted either (parcel.h). Thread: any. */

@@ -1,4 +1,3 @@
-/* server/reader/serve.h */
 /* The main function of relight-reader: confines the process, reads one scene, hands it over and ends. Thread: main. */
 #ifndef READER_SERVE_H
 #define READER_SERVE_H

@@ -1,4 +1,3 @@
-/* server/reader/shape.h */
 /* Procedural solids for the built-in scene. Private to this room. Each call appends to a mesh with normals, in a local
  * frame that is rotated about Y and then translated. Metres, Y up, radians from +Z towards +X. Allocation failures are
  * recorded and reported by shape_finish. Thread: one per shape. */

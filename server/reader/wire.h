@@ -1,4 +1,3 @@
-/* server/reader/wire.h */
 /* Messages between a program and its relight-reader over a seqpacket socket. The scene itself goes through a piece of
  * shared memory (parcel.h). Private to this room. */
 #ifndef READER_WIRE_H

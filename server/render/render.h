@@ -1,4 +1,3 @@
-/* server/render/render.h */
 /* Renders a sequence: every frame of a source, one after another, to an output and to statistics. This is what
  * relight-render does after it has read its flags. The ranks of a job share the frames: each renders those whose
  * numbers it takes, and rank 0 writes the statistics of all; or they light each frame together (team/team.h), which

@@ -1,4 +1,3 @@
-/* server/scene/coverage.h */
 /* Where a surface is and where it has holes: alpha masks and fractional coverage (material.h). A ray that meets a hole
  * continues unchanged; rays.h tests every hit. Thin glass counts as having holes, too: its mean transmittance is the
  * share of rays that pass straight through. Thread: any. */

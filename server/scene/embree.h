@@ -1,4 +1,3 @@
-/* server/scene/embree.h */
 /* Embree 3 or 4, whichever the build found: what the two call differently. A query's context comes first, so that a
  * filter function gets the query from it. Private to this room; the only file that includes Embree. Thread: any; a
  * query belongs to one thread. */

@@ -1,4 +1,3 @@
-/* server/scene/first_hits.h */
 /* The first surface in each pixel, including mirrors and glass, which the G-buffer looks through: position, normal and
  * distance at the pixel's centre, and each mesh's share of the pixel. Shares match the G-buffer's sub-pixel coverage: a
  * pixel with one shading point or escape holds one mesh or none; other pixels get the same edge_rays^2 rays. Immutable.

@@ -1,4 +1,3 @@
-/* server/scene/gbuffer.h */
 /* The G-buffer: what the camera sees, without light. Instead of pixels it holds shading points; a pixel is
  *     sum over its entries   weight * Lo(shading point)  +  sum over its escapes  weight * Lenv(direction)
  * A plain pixel has a single entry or escape of weight 1; a pixel on a geometric edge has several, from more camera

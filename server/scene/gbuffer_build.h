@@ -1,4 +1,3 @@
-/* server/scene/gbuffer_build.h */
 /* Construction of the G-buffer. Private to the gbuffer*.c files. Thread: any, on separate objects. */
 #ifndef SCENE_GBUFFER_BUILD_H
 #define SCENE_GBUFFER_BUILD_H

@@ -1,4 +1,3 @@
-/* server/scene/material.h */
 /* Materials: how a surface scatters light. Colours are linear Rec.709 in 0..1. Thread: any. */
 #ifndef SCENE_MATERIAL_H
 #define SCENE_MATERIAL_H

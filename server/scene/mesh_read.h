@@ -1,4 +1,3 @@
-/* server/scene/mesh_read.h */
 /* Reads a mesh's vertices in world space, whether the mesh is an instance or not. Thread: any. */
 #ifndef SCENE_MESH_READ_H
 #define SCENE_MESH_READ_H

@@ -1,4 +1,3 @@
-/* server/scene/normal_map.h */
 /* Normal maps [glTF 2.0, section 3.9.3]. Thread: any. */
 #ifndef SCENE_NORMAL_MAP_H
 #define SCENE_NORMAL_MAP_H

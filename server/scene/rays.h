@@ -1,4 +1,3 @@
-/* server/scene/rays.h */
 /* Ray queries on a scene, through Embree, which no other file uses. Rays pass through holes in surfaces (coverage.h).
  * Thread: any, once rays_create_for has returned. The caller owns all arrays. */
 #ifndef SCENE_RAYS_H

@@ -1,4 +1,3 @@
-/* server/scene/rays_parts.h */
 /* The parts of rays.h. Private to this room. Thread: any. */
 #ifndef SCENE_RAYS_PARTS_H
 #define SCENE_RAYS_PARTS_H

@@ -1,4 +1,3 @@
-/* server/scene/scatter.h */
 /* Scattering at a surface: its rough (D) lobe and its delta (S) lobe, with textures applied. Shared by everything that
  * traces paths: the G-buffer, eye paths, the light tracer and the reference. Thread: any.
  *

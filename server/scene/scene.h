@@ -1,4 +1,3 @@
-/* server/scene/scene.h */
 /* A scene: meshes in world space, materials, textures and cameras, loaded from a file (reader/reader.h) or built-in.
  * The scene owns its arrays. Immutable after loading. Thread: any number may read. */
 #ifndef SCENE_SCENE_H

@@ -1,4 +1,3 @@
-/* server/scene/scene_build.h */
 /* Construction of scenes. Private to this room, import and reader. The scene owns everything added to it. Thread: one
  * at a time.
  */

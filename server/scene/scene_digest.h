@@ -1,4 +1,3 @@
-/* server/scene/scene_digest.h */
 /* Adds parts of a scene to a digest (base/digest.h): their contents, independent of addresses. Thread: any. */
 #ifndef SCENE_SCENE_DIGEST_H
 #define SCENE_SCENE_DIGEST_H

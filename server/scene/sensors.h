@@ -1,4 +1,3 @@
-/* server/scene/sensors.h */
 /* Light sensors in a G-buffer: each is lit like a white matte surface with its position and normal, so its illuminance
  * is pi times its radiance. They follow the camera's packets and belong to no pixel. Thread: one. */
 #ifndef SCENE_SENSORS_H

@@ -1,4 +1,3 @@
-/* server/scene/sheen.h */
 /* The albedo of sheen [KHR_materials_sheen], as of cloth, under a uniform sky. Thread: any. */
 #ifndef SCENE_SHEEN_H
 #define SCENE_SHEEN_H

@@ -1,4 +1,3 @@
-/* server/scene/texture.h */
 /* Images on surfaces: 8 bits per channel, with a pyramid of smaller ones for distant surfaces. Immutable once built.
  * Thread: any. */
 #ifndef SCENE_TEXTURE_H

@@ -1,4 +1,3 @@
-/* server/scene/texture_parts.h */
 /* What the texture*.c files share. Private to them. */
 #ifndef SCENE_TEXTURE_PARTS_H
 #define SCENE_TEXTURE_PARTS_H

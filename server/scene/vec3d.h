@@ -1,4 +1,3 @@
-/* server/scene/vec3d.h */
 /* Vectors between positions, in double: for normals and tangents of meshes. Private to this room. Thread: any. */
 #ifndef SCENE_VEC3D_H
 #define SCENE_VEC3D_H

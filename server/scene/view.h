@@ -1,4 +1,3 @@
-/* server/scene/view.h */
 /* A camera's view: from pixels to directions, and from points to pixels. Pixel (0, 0) is at the top left, square; pixel
  * (x, y) spans x..x+1 and y..y+1. A fisheye's image is a circle, as high as the image; a point at distance r pixels
  * from the centre shows the angle t to the viewing direction:

@@ -1,4 +1,3 @@
-/* server/settings/settings.h */
 /* The one table of settings for light, scene and image: flags of relightd, relight-render, relight-bench and
  * relight-chart, the configuration file, control messages and the state file all follow from it (base/setting.h).
  * Flags of a single program are in a table next to that program's main. */

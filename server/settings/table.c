@@ -1,4 +1,3 @@
-/* server/settings/table.c */
 #include "settings/settings.h"
 
 #include "base/setting_table.h"

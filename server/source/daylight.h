@@ -1,4 +1,3 @@
-/* server/source/daylight.h */
 /* Environment frames from weather files (`epw:FILE`), of the standard skies (`cie:TYPE`), which are grey, and from
  * matrices of Radiance's gendaymtx (`mtx:FILE`), in W sr^-1 m^-2 with luminance = 179 cd m^-2 per unit, in lat-long
  * with OpenEXR's orientation, north +Z and east -X unless `north` turns them. Thread: any, after daylight_open. */

@@ -1,4 +1,3 @@
-/* server/source/files.h */
 /* Lists the files that a source specification names, in order, and reads them. Private to this room, behind source.h.
  * Thread: one per list. */
 #ifndef SOURCE_FILES_H

@@ -1,4 +1,3 @@
-/* server/source/footage.h */
 /* The frames of a video, one after another: packets from relight-demux (demux/), decoded in relight-video (decoder/).
  * Private to this room. Thread: one per footage. */
 #ifndef SOURCE_FOOTAGE_H

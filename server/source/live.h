@@ -1,4 +1,3 @@
-/* server/source/live.h */
 /* A live stream or a camera: a thread decodes it and converts the newest frame on request. A lost
  * connection is retried with growing delays. Private to this room. Thread: one per live, beside its own. */
 #ifndef SOURCE_LIVE_H

@@ -1,4 +1,3 @@
-/* server/source/sky.h */
 /* The built-in daylight: an analytic clear sky with its sun, for any place and time [Preetham et al. 1999]. Its
  * luminance follows [Rigollier et al. 2000] by day and [Janiczek and DeYoung 1987] in twilight; docs/sky.md describes
  * the model. Radiance is linear Rec.709 with luminance = cd m^-2 / 179, in lat-long with OpenEXR's orientation (image

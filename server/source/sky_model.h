@@ -1,4 +1,3 @@
-/* server/source/sky_model.h */
 /* The physics behind sky.h, each part from its paper: atmospheric transmission, and the luminance
  * and colour of the clear sky. Private to this room. Stateless. Thread: any. */
 #ifndef SOURCE_SKY_MODEL_H

@@ -1,4 +1,3 @@
-/* server/source/source.h */
 /* Sources of environment frames: a file, a folder, a printf or glob pattern, a watched folder, a video, a live stream,
  * or the built-in sky.
  *

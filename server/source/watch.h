@@ -1,4 +1,3 @@
-/* server/source/watch.h */
 /* Watches a folder with inotify: files closed after writing or moved in, in order of arrival. Private to this room.
  * Thread: one per watch. */
 #ifndef SOURCE_WATCH_H

@@ -1,4 +1,3 @@
-/* server/tools/relight_bench.c */
 /* Benchmarks the stages of the pipeline, and all of it, against the limits of the machine: flags and output;
  * server/bench measures.
  */

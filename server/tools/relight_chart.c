@@ -1,4 +1,3 @@
-/* server/tools/relight_chart.c */
 /* Charts error against time: the flags; server/chart does the work. */
 #include "chart/chart.h"
 #include "estimators/kernels.h"

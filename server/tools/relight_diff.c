@@ -1,4 +1,3 @@
-/* server/tools/relight_diff.c */
 /* Compares an image with a reference: means, relative squared error, visible error, and an error map. */
 #include "codec/decode.h"
 #include "compare/error_map.h"

@@ -1,4 +1,3 @@
-/* server/tools/relight_render.c */
 /* Renders the frames of a source to files: the rooms of relightd without a network, for scripts and for tests. */
 #include "annual/annual.h"
 #include "base/log.h"

@@ -1,4 +1,3 @@
-/* server/video/annexb.h */
 /* H.264 access units in Annex B form, where each NAL unit follows a start code [H.264, B.1]. Thread: any. */
 #ifndef VIDEO_ANNEXB_H
 #define VIDEO_ANNEXB_H

@@ -1,4 +1,3 @@
-/* server/video/h264.h */
 /* H.264 through libavcodec and libx264, for live streams: each frame is output at once, and every frame except a
  * keyframe encodes only the difference to the previous one [H.264]. Thread: one per encoder; the output buffer is
  * reused. */

@@ -1,4 +1,3 @@
-/* server/video/movie.h */
 /* Video files: frames of one size at a constant rate, encoded as H.264 by libx264 or AV1 by SVT-AV1. A file appears
  * whole or not at all (base/file_store.h). Thread: one per movie; the encoder starts threads of its own. */
 #ifndef VIDEO_MOVIE_H

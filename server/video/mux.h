@@ -1,4 +1,3 @@
-/* server/video/mux.h */
 /* Packets of one video stream into a container, through libavformat. Thread: one per muxer. */
 #ifndef VIDEO_MUX_H
 #define VIDEO_MUX_H

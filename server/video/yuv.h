@@ -1,4 +1,3 @@
-/* server/video/yuv.h */
 /* R'G'B' to Y'CbCr [ITU-R BT.709-6, 3.2 and 3.3] in full range: code value 255 is 1, and 128 is a colour difference of
  * 0. Thread: any. */
 #ifndef VIDEO_YUV_H

@@ -1,4 +1,3 @@
-/* tests/figures/figure.h */
 /* What the programs of this folder have in common: flags, errors, the first frame of a source, processor time, medians.
  * Thread: main. */
 #ifndef TESTS_FIGURE_H

@@ -1,4 +1,3 @@
-/* tests/fuzz/as_file.h */
 /* For parsers that need a path: the input as a file in memory, removed at normal exit. */
 #ifndef TESTS_FUZZ_AS_FILE_H
 #define TESTS_FUZZ_AS_FILE_H

@@ -1,4 +1,3 @@
-/* tests/fuzz/fuzz_target.c */
 /* A target of --publish is parsed, or refused with what would be right; what is displayed of it is plain text without
  * user name and password. */
 #include "harness.h"

@@ -1,4 +1,3 @@
-/* tests/fuzz/harness.h */
 /* One harness per parser: feeds it any bytes and aborts if it violates its header. Called by libFuzzer with generated
  * inputs and by replay with the corpus. */
 #ifndef TESTS_FUZZ_HARNESS_H

@@ -1,4 +1,3 @@
-/* tests/fuzz/picture.h */
 /* Invariants after decoding arbitrary input. */
 #ifndef TESTS_FUZZ_PICTURE_H
 #define TESTS_FUZZ_PICTURE_H

@@ -1,4 +1,3 @@
-/* tests/stability/stability.h */
 /* Shared by the suite: the line that each case prints, the methods of direct light with their claims, generated
  * scenes with everything that lights them, and sums over seeds. */
 #ifndef TESTS_STABILITY_H

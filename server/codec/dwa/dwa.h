@@ -1,4 +1,3 @@
-/* server/codec/dwa/dwa.h */
 /* Decoder for the DWAA and DWAB chunks of OpenEXR files, which OpenEXRCore 3.1 does not implement. A chunk holds, after
  * a header: deflated data (any channel), the AC and then the DC coefficients of lossy channels, and run-length encoded
  * and deflated data (alpha). Lossy channels are half floats under a curve that is a power below 1 and a logarithm

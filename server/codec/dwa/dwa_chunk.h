@@ -1,4 +1,3 @@
-/* server/codec/dwa/dwa_chunk.h */
 /* A DWA chunk during decoding: shared by dwa.c and dwa_lossy.c. Thread: that of the workspace. */
 #ifndef CODEC_DWA_DWA_CHUNK_H
 #define CODEC_DWA_DWA_CHUNK_H

@@ -1,4 +1,3 @@
-/* server/estimators/baselines/chains.h */
 /* Path tracing from both ends, shared by the two baselines that connect them: particles from the sky, and rays from the
  * eye through mirrors and glass to rough surfaces. Independent of path.h, and of the light tracer except for the start
  * of particles. Thread: any. */

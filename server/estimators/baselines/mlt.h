@@ -1,4 +1,3 @@
-/* server/estimators/baselines/mlt.h */
 /* Metropolis light transport in primary sample space [Kelemen et al. 2002], on top of path.h: Markov chains over the
  * random numbers of a sample. A mutation changes all numbers slightly, or redraws all of them (a large step, 30 %).
  * Chains spend more time where paths carry more luminance; both the current and the proposed state are splatted,

@@ -1,4 +1,3 @@
-/* server/estimators/baselines/path.h */
 /* The reference: unidirectional path tracing with next event estimation and multiple importance sampling (balance
  * heuristic [Veach 1997, section 9.2]), one sample after another. It shares no code with the other estimators except
  * rays, materials and the sky's own tables, so that agreement is meaningful: it traces its own camera rays, uniform

@@ -1,4 +1,3 @@
-/* server/estimators/baselines/photons.h */
 /* Photon mapping [Jensen 1996]: stores particles from the sky where they hit a D lobe; the radiance of a point is
  * estimated from its nearest photons and the disc that contains them. [DH09, section 1] suggests this use of its light
  * paths. For comparison on the charts; `auto` never selects it.

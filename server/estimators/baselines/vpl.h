@@ -1,4 +1,3 @@
-/* server/estimators/baselines/vpl.h */
 /* Virtual point lights [Keller 1997]: particles from the sky leave a small light wherever they hit a D lobe, and these
  * light what the camera sees. [DH09, section 1] suggests this use of its light paths. For comparison on the charts;
  * `auto` never selects it.

@@ -1,4 +1,3 @@
-/* tests/unit/codec/decoding.h */
 /* What the tests of the decoders share. */
 #ifndef TESTS_ENV_DECODING_H
 #define TESTS_ENV_DECODING_H

@@ -1,4 +1,3 @@
-/* tests/unit/codec/dwa_files.h */
 /* Two small files with DWA compression, which OpenEXRCore 3.1 cannot write, made by the C++ library of OpenEXR 3.1.5 at
  * compression level 1 (nearly lossless). Texel (x, y) of channel c of the list is 2 + c + x / 64 + y / 128, cut to a
  * whole number where the channel holds those. */

@@ -1,4 +1,3 @@
-/* tests/unit/codec/make_exr.h */
 /* OpenEXR files in memory, written by OpenEXRCore's own writer, for tests and for the corpus of the fuzzers. */
 #ifndef TESTS_MAKE_EXR_H
 #define TESTS_MAKE_EXR_H

@@ -1,4 +1,3 @@
-/* tests/unit/codec/make_hdr.h */
 /* Radiance files in memory, for tests and for the corpus of the fuzzer. */
 #ifndef TESTS_MAKE_HDR_H
 #define TESTS_MAKE_HDR_H

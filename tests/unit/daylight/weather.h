@@ -1,4 +1,3 @@
-/* tests/unit/daylight/weather.h */
 /* A weather file in memory: every hour of a year at 40 degrees north, with sun from 8 to 16 o'clock. */
 #ifndef TESTS_UNIT_DAYLIGHT_WEATHER_H
 #define TESTS_UNIT_DAYLIGHT_WEATHER_H

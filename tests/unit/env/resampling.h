@@ -1,4 +1,3 @@
-/* tests/unit/env/resampling.h */
 /* A resampler of its own for a test, the cube map that it makes, and a look into its table. */
 #ifndef TESTS_RESAMPLING_H
 #define TESTS_RESAMPLING_H

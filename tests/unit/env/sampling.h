@@ -1,4 +1,3 @@
-/* tests/unit/env/sampling.h */
 /* What the tests of the samplers share: skies where samplers fail, and a chi-square sum over many bins. */
 #ifndef TESTS_SAMPLING_H
 #define TESTS_SAMPLING_H

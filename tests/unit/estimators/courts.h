@@ -1,4 +1,3 @@
-/* tests/unit/estimators/courts.h */
 /* Flat scenes made for tests of paths: boxes and balls of any material, shaded by eye paths; and sums over seeds. */
 #ifndef TESTS_COURTS_H
 #define TESTS_COURTS_H

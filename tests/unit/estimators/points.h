@@ -1,4 +1,3 @@
-/* tests/unit/estimators/points.h */
 /* Shade points made without a scene: for what can be said about an estimator in closed form. */
 #ifndef TESTS_POINTS_H
 #define TESTS_POINTS_H

@@ -1,4 +1,3 @@
-/* tests/unit/estimators/seen_caustics.h */
 /* A set under one sky, where in its picture caustics are seen, and how far pictures of them are from the truth: for
  * the figures that compare how fast caustics are found. The truth is the light tracer's own mean over other seeds. */
 #ifndef TESTS_SEEN_CAUSTICS_H

@@ -1,4 +1,3 @@
-/* tests/unit/estimators/tracing.h */
 /* What the tests of the light tracer share: scenes of a few shapes, a picture made by some seeds, and integrals over a
  * sky. */
 #ifndef TESTS_TRACING_H

@@ -1,4 +1,3 @@
-/* tests/unit/import/draco_make.h */
 /* Compresses a grid of squares with Draco's encoder, which is C++. */
 #ifndef TESTS_IMPORT_DRACO_MAKE_H
 #define TESTS_IMPORT_DRACO_MAKE_H

@@ -1,4 +1,3 @@
-/* tests/unit/import/gltf_make.h */
 /* glTF files put together from arrays and JSON text. */
 #ifndef TESTS_IMPORT_GLTF_MAKE_H
 #define TESTS_IMPORT_GLTF_MAKE_H

@@ -1,4 +1,3 @@
-/* tests/unit/import/pngs.h */
 /* Small images as files. */
 #ifndef TESTS_IMPORT_PNGS_H
 #define TESTS_IMPORT_PNGS_H

@@ -1,4 +1,3 @@
-/* tests/unit/light/agreement.h */
 /* What the tests that hold estimators to each other share: a scene before a camera under a sky, an estimator run by
  * many seeds, and the comparison of two.
  *

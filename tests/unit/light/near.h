@@ -1,4 +1,3 @@
-/* tests/unit/light/near.h */
 /* Doubles that agree within an absolute bound; cmocka's own comparison is of floats. Says both when they do not. */
 #ifndef TESTS_UNIT_FILM_NEAR_H
 #define TESTS_UNIT_FILM_NEAR_H

@@ -1,4 +1,3 @@
-/* tests/unit/light/pilots.h */
 /* What the tests of the pilot share: sets, and a price list instead of the clock, so that choices are the same on every
  * machine. */
 #ifndef TESTS_PILOTS_H

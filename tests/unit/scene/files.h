@@ -1,4 +1,3 @@
-/* tests/unit/scene/files.h */
 /* What the scene tests share: files in a folder of their own, scenes made of a few quads, and what was logged. */
 #ifndef TESTS_SCENE_FILES_H
 #define TESTS_SCENE_FILES_H

@@ -1,4 +1,3 @@
-/* tests/unit/scene/load.h */
 /* Scene files read in the test's own process. */
 #ifndef TESTS_SCENE_LOAD_H
 #define TESTS_SCENE_LOAD_H

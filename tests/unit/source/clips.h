@@ -1,4 +1,3 @@
-/* tests/unit/source/clips.h */
 /* Clips for tests, made by the program ffmpeg from raw pictures whose code values are known. */
 #ifndef TESTS_SOURCE_CLIPS_H
 #define TESTS_SOURCE_CLIPS_H

@@ -1,4 +1,3 @@
-/* tests/unit/source/folder.h */
 /* A folder of one test's own, with files in it; removed with all that it holds. */
 #ifndef TESTS_SOURCE_FOLDER_H
 #define TESTS_SOURCE_FOLDER_H

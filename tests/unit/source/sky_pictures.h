@@ -1,4 +1,3 @@
-/* tests/unit/source/sky_pictures.h */
 /* Skies by their spec, rendered, and the geometry of their texels: what the tests of the sky share. */
 #ifndef TESTS_SOURCE_SKY_PICTURES_H
 #define TESTS_SOURCE_SKY_PICTURES_H

@@ -1,4 +1,3 @@
-/* tests/unit/source/sky_sun.h */
 /* The sky with the sun anywhere: elevation -pi/2..pi/2, azimuth clockwise from north, radians. */
 #ifndef TESTS_SOURCE_SKY_SUN_H
 #define TESTS_SOURCE_SKY_SUN_H

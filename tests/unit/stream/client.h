@@ -1,4 +1,3 @@
-/* tests/unit/stream/client.h */
 /* A WebSocket client made of a plain socket, so that every byte on the wire, right or wrong, is the test's own choice.
  * All waiting ends after CLIENT_WAIT_MS: a claim that needs more fails instead of hanging. */
 #ifndef TESTS_STREAM_CLIENT_H

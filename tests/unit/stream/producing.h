@@ -1,4 +1,3 @@
-/* tests/unit/stream/producing.h */
 /* Producers and recorders made of client.h. */
 #ifndef TESTS_STREAM_PRODUCING_H
 #define TESTS_STREAM_PRODUCING_H

@@ -1,4 +1,3 @@
-/* tests/unit/support/kept.h */
 /* Files that a run has kept in a cache folder. */
 #ifndef TESTS_SUPPORT_KEPT_H
 #define TESTS_SUPPORT_KEPT_H

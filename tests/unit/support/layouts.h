@@ -1,4 +1,3 @@
-/* tests/unit/support/layouts.h */
 /* The layouts once more, the other way round (from a point of a picture to its direction) and written from their
  * description alone, so that the server's own can be held against them. Used by the tests of env and by the program
  * that makes pictures of each layout for the integration tests. */

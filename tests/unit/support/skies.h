@@ -1,4 +1,3 @@
-/* tests/unit/support/skies.h */
 /* Skies made for tests: small lat-long pictures with known contents, and the environment made of them. */
 #ifndef TESTS_SKIES_H
 #define TESTS_SKIES_H

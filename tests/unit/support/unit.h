@@ -1,4 +1,3 @@
-/* tests/unit/support/unit.h */
 /* What every unit test file shares: the cmocka header with what it needs, and a main that runs one claim by name. */
 #ifndef TESTS_UNIT_H
 #define TESTS_UNIT_H
