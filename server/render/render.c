@@ -86,9 +86,6 @@ static enum err set_up(struct render *r, struct reason *why)
     struct render_desc *d = &r->desc;
     enum err e = open_source(r, why);
 
-    if (!d->stats_path) /* nobody reads it */
-        d->setup.light.audit = 0.0;
-
     if (!e)
         e = open_outputs(r, why);
     if (!e)

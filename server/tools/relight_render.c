@@ -280,6 +280,8 @@ static void report_ignored(struct command *c, const struct render *r)
         log_warning("--luminance has no effect without --annual or --calibrate");
     if (!r->components.out.text && command_given(c, "reinhart"))
         log_warning("--reinhart has no effect without --components");
+    if (!r->desc.stats_path && command_given(c, "audit"))
+        log_warning("--audit has no effect without --stats");
 }
 
 static enum err read_options(struct command *c, struct render *r, struct reason *why)
@@ -311,6 +313,8 @@ static enum err read_options(struct command *c, struct render *r, struct reason 
         e = check_split(r, why);
     if (!e)
         report_ignored(c, r);
+    if (!d->stats_path) /* nobody reads the error: of an image, a component or an hour of a year */
+        s->light.audit = 0.0;
     if (s->threads)
         omp_set_num_threads((int)s->threads);
     return e;

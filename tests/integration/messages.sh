@@ -25,6 +25,7 @@ flags_without_effect_are_reported() {
     expect 0 '--particles has no effect: the scene has no mirror' "${render[@]}" --scene "$work/box.json" --paths all --particles 9
     expect 0 '--particles has no effect: with this --paths, --caustics' "${render[@]}" --paths all --caustics eye --particles 9
     expect 0 '--reinhart has no effect without' "${render[@]}" --reinhart 2
+    expect 0 '--audit has no effect without --stats' "${render[@]}" --audit 1
     expect 0 '--half has no effect' "$bin/relight-render" "${small[@]}" --half --out "$work/x.jpg"
     expect 0 '--samples is given more than once: the last one counts' "${render[@]}" --samples 2
     expect 0 '--threads 1000: this machine has [0-9]+ processors' "${render[@]}" --threads 1000
