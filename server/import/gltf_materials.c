@@ -1,5 +1,5 @@
 /* Materials of glTF: metallic-roughness becomes `ggx`, transmission becomes `glass`. */
-#include "import/gltf_source.h"
+#include "import/gltf_glossy.h"
 
 #include "base/mem.h"
 
@@ -38,8 +38,8 @@ enum err gltf_colour(struct gltf_source *s, const struct gltf_at *at, const char
     return e;
 }
 
-static enum err read_base_texture(struct gltf_source *s, const struct gltf_at *above, const char *key,
-                                  struct material *m, struct gltf_surface *surface)
+enum err gltf_read_base_texture(struct gltf_source *s, const struct gltf_at *above, const char *key, struct material *m,
+                                struct gltf_surface *surface)
 {
     const struct gltf_at at = gltf_key(above, key);
 
@@ -342,7 +342,7 @@ static enum err read_surface(struct gltf_source *s, const struct gltf_at *at, st
     if (!e)
         e = gltf_share(s, &pbr, "roughnessFactor", 1.0, &m->roughness);
     if (!e)
-        e = read_base_texture(s, &pbr, "baseColorTexture", m, surface);
+        e = gltf_read_base_texture(s, &pbr, "baseColorTexture", m, surface);
     if (gltf_extension(at, "KHR_materials_unlit").value) {
         m->kind = MATERIAL_LAMBERT;
         if (!s->unlit)
@@ -350,30 +350,6 @@ static enum err read_surface(struct gltf_source *s, const struct gltf_at *at, st
         s->unlit = true;
     }
     return e;
-}
-
-/* A material of KHR_materials_pbrSpecularGlossiness: a metal where the diffuse colour is black, else a dielectric. */
-static enum err read_specular_glossiness(struct gltf_source *s, const struct gltf_at *at, struct material *m,
-                                         struct gltf_surface *surface)
-{
-    struct vec3 specular;
-    float glossiness;
-
-    scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_GLOSSINESS, s->g->desc->path);
-    enum err e = gltf_colour(s, at, "diffuseFactor", 4, 1.0, &m->diffuse);
-    if (!e)
-        e = gltf_colour(s, at, "specularFactor", 3, 1.0, &specular);
-    if (!e)
-        e = gltf_share(s, at, "glossinessFactor", 1.0, &glossiness);
-    if (e)
-        return e;
-    m->metallic = largest(m->diffuse) < BLACK ? 1.0f : 0.0f;
-    m->roughness = 1.0f - glossiness;
-    if (m->metallic > 0.0f)
-        m->diffuse = specular;
-    else
-        m->specular = vec3_sub(specular, vec3_make(0.04f, 0.04f, 0.04f));
-    return read_base_texture(s, at, "diffuseTexture", m, surface);
 }
 
 /* surface[2]: for the material's meshes. */
@@ -395,7 +371,7 @@ static enum err add_material(struct gltf_source *s, const struct gltf_at *at, st
 
     surface[0] = surface[1] = (struct gltf_surface){ .uv_set = GLTF_NONE };
     snprintf(m.name, sizeof(m.name), "%.63s", name ? name : "");
-    enum err e = glossy.value ? read_specular_glossiness(s, &glossy, &m, surface) : read_surface(s, at, &m, surface);
+    enum err e = glossy.value ? gltf_read_glossy(s, &glossy, &m, surface) : read_surface(s, at, &m, surface);
     if (!e)
         e = glossy.value ? read_alpha(s, at, &glossy, "diffuseFactor", &m)
                          : read_alpha(s, at, &pbr, "baseColorFactor", &m);
@@ -450,6 +426,7 @@ enum err gltf_add_materials(struct gltf *g)
         e = add_material(&s, &at, g->surfaces[i]);
     }
     gltf_images_finish(&s.images);
+    mem_free(s.glossy);
     return e;
 }
 

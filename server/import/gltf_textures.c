@@ -275,6 +275,22 @@ enum err gltf_texture_numbers(struct gltf_images *s, const struct gltf_at *at, u
     return read_transform(s, at, &out->surface);
 }
 
+enum err gltf_texture_image(struct gltf_images *s, const struct gltf_at *at, const char *instead,
+                            struct gltf_image *out)
+{
+    struct use use = { .values = TEXTURE_CUTOUT, .instead = instead }; /* which keeps alpha */
+
+    *out = (struct gltf_image){ .index = GLTF_NONE };
+    enum err e = find_image(s, at, &use);
+    if (!e)
+        e = gltf_index(s->g, at, "index", GLTF_TEXTURES, &out->index);
+    if (!e && use.image != GLTF_NONE)
+        e = read_image(s, &use, &out->texture);
+    out->wrap_u = use.wrap_u;
+    out->wrap_v = use.wrap_v;
+    return e || !out->texture.texels ? e : read_transform(s, at, &out->surface);
+}
+
 void gltf_images_finish(struct gltf_images *s)
 {
     mem_free(s->known);

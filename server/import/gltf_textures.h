@@ -32,4 +32,16 @@ MUST_CHECK enum err gltf_texture_colours(struct gltf_images *s, const struct glt
 MUST_CHECK enum err gltf_texture_numbers(struct gltf_images *s, const struct gltf_at *at, unsigned channels,
                                          const char *instead, struct gltf_numbers *out);
 
+struct gltf_image {         /* an image by itself, sRGB with alpha */
+    size_t index;           /* of the texture in the file */
+    struct texture texture; /* without texels: it cannot be read, and a warning was logged */
+    enum texture_wrap wrap_u, wrap_v;
+    struct gltf_surface surface;
+};
+
+/* Decodes the texture that `at` names without adding it to the scene; free out->texture with texture_finish. instead:
+ * as above. ERR_FORMAT, ERR_RANGE, ERR_NOMEM. */
+MUST_CHECK enum err gltf_texture_image(struct gltf_images *s, const struct gltf_at *at, const char *instead,
+                                       struct gltf_image *out);
+
 #endif

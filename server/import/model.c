@@ -46,6 +46,8 @@ struct import {
     const struct model_desc *desc;
     const struct aiScene *ai;
     uint32_t *materials;       /* in the scene, for each of the file's; see model_add_materials */
+    bool plain;                /* these are Assimp's defaults */
+    bool coloured;             /* a mesh has colours of its vertices */
     size_t dropped;            /* degenerate triangles */
     struct standing *standing; /* of each of the file's meshes */
     struct reason *why;
@@ -115,7 +117,33 @@ static bool wants_uvs(const struct material *m)
            (m->alpha_mode != ALPHA_OPAQUE && m->alpha_texture != MATERIAL_NO_TEXTURE);
 }
 
-static enum err fill_mesh(const struct import *in, const struct aiMesh *ai, const double matrix[16], struct mesh *m)
+/* The vertices' colours are those of the surface in .obj and .ply files; others use them for data, too. Where a file
+ * has both, they repeat the texture, as of a scan. */
+static bool uses_colours(const struct import *in, const struct aiMesh *ai, uint32_t material)
+{
+    return ai->mColors[0] && (path_ends_in(in->desc->path, ".obj") || path_ends_in(in->desc->path, ".ply")) &&
+           material >= in->desc->named && in->scene->materials[material].texture == MATERIAL_NO_TEXTURE;
+}
+
+static enum err add_colours(struct import *in, const struct aiMesh *ai, struct mesh *m)
+{
+    m->colours = mem_alloc(ai->mNumVertices, 4 * sizeof(float));
+    if (!m->colours)
+        return ERR_NOMEM;
+    for (size_t i = 0; i < ai->mNumVertices; i++) {
+        const struct aiColor4D *c = &ai->mColors[0][i];
+        const float own[3] = { c->r, c->g, c->b };
+        for (size_t k = 0; k < 3; k++)
+            m->colours[4 * i + k] = own[k] > 0.0f ? srgb_to_linear(fminf(own[k], 1.0f)) : 0.0f; /* NaN becomes 0 */
+        m->colours[4 * i + 3] = 1.0f;
+    }
+    if (in->plain)
+        in->scene->materials[m->material].diffuse = vec3_make(1.0f, 1.0f, 1.0f);
+    in->coloured = true;
+    return ERR_OK;
+}
+
+static enum err fill_mesh(struct import *in, const struct aiMesh *ai, const double matrix[16], struct mesh *m)
 {
     double c[9];
 
@@ -138,7 +166,7 @@ static enum err fill_mesh(const struct import *in, const struct aiMesh *ai, cons
             return ERR_NOMEM;
         put_uvs(ai, m->uvs);
     }
-    return ERR_OK;
+    return uses_colours(in, ai, m->material) ? add_colours(in, ai, m) : ERR_OK;
 }
 
 /* The mesh's own name, the node's, or that of the file. */
@@ -174,7 +202,7 @@ static enum err add_copy(struct import *in, const struct aiNode *node, const str
             e = mesh_make_tangents(&m, false);
     }
     if (!e && m.triangle_count > 0) {
-        if (in->desc->material == MATERIAL_NONE && ai->mColors[0])
+        if (in->desc->material == MATERIAL_NONE && ai->mColors[0] && !m.colours)
             scene_note_unmodelled(in->scene, FEATURE_VERTEX_COLOUR, in->desc->path);
         e = scene_add_mesh(in->scene, &m);
         if (!e)
@@ -399,7 +427,8 @@ static enum err check_grey(const struct import *in, const struct assimp_files *f
         (void)aiGetMaterialString(in->ai->mMaterials[i], AI_MATKEY_NAME, &name);
         if (d->named > 0 && strcmp(name.data, ASSIMPS_OWN) != 0)
             return fault(d, in->why, ERR_FORMAT, "unknown material '%s' (%s)", name.data, cause);
-        log_warning("%s: material '%s' is grey: %s", d->path, name.data, cause);
+        if (!in->coloured)
+            log_warning("%s: material '%s' is grey: %s", d->path, name.data, cause);
         return ERR_OK;
     }
     return ERR_OK;
@@ -425,7 +454,8 @@ enum err model_load(struct scene *s, const struct model_desc *d, struct reason *
     if (!e && !aiApplyPostProcessing(ai, steps)) /* which frees the scene on failure */
         return import_fault(d, why);
     if (!e) {
-        struct import in = { .scene = s, .desc = d, .ai = ai, .why = why };
+        const bool plain = path_ends_in(d->path, ".ply") || (path_ends_in(d->path, ".obj") && !files.others);
+        struct import in = { .scene = s, .desc = d, .ai = ai, .plain = plain, .why = why };
         e = take(&in);
         if (!e)
             e = check_grey(&in, &files);

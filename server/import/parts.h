@@ -5,6 +5,8 @@
 #include "reader/host.h"
 #include "scene/scene_build.h"
 
+#include <math.h>
+
 enum model_normals {
     NORMALS_FLAT,   /* geometric normals */
     NORMALS_FILE,   /* the file's, else flat */
@@ -109,5 +111,11 @@ MUST_CHECK enum err texture_decode(const void *bytes, size_t count, enum texture
 /* The same from a file. Also ERR_IO. */
 MUST_CHECK enum err texture_load(const struct host *host, const char *path, enum texture_values values,
                                  struct texture *out, struct reason *why);
+
+/* [IEC 61966-2-1, section 5.2], from 0..1 */
+static inline float srgb_to_linear(float v)
+{
+    return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
+}
 
 #endif

@@ -29,7 +29,7 @@ const char *scene_feature_name(enum scene_feature feature)
     case FEATURE_PARTIAL_GLASS: return "partial transmission";
     case FEATURE_VERTEX_COLOUR: return "vertex colours";
     case FEATURE_TEXTURE_TRANSFORM: return "a third set of texture coordinates or texture transform in one material";
-    case FEATURE_SPECULAR_GLOSSINESS: return "specular-glossiness materials";
+    case FEATURE_SPECULAR_GLOSSINESS: return "a specular-glossiness texture with other coordinates than the diffuse texture";
     case FEATURE_LIGHTS: return "lights of this format";
     case FEATURE_ANIMATION: return "animation";
     case FEATURE_COUNT: break;

@@ -24,11 +24,11 @@ enum scene_feature {
     FEATURE_ROUGH_GLASS,   /* treated as smooth, or as diffuse transmission */
     FEATURE_TINTED_GLASS,  /* of formats other than glTF; treated as clear */
     FEATURE_PARTIAL_GLASS, /* transmission below 0.5 is treated as a hole, else as 1 */
-    FEATURE_VERTEX_COLOUR,
+    FEATURE_VERTEX_COLOUR, /* of .fbx and .dae, and beside a texture of .obj and .ply; ignored */
     FEATURE_TEXTURE_TRANSFORM,
-    FEATURE_SPECULAR_GLOSSINESS,
-    FEATURE_LIGHTS,    /* of formats other than glTF; ignored */
-    FEATURE_ANIMATION, /* of formats other than glTF; shown at rest */
+    FEATURE_SPECULAR_GLOSSINESS, /* textures with other coordinates than the diffuse texture; their means count */
+    FEATURE_LIGHTS,              /* of formats other than glTF; ignored */
+    FEATURE_ANIMATION,           /* of formats other than glTF; shown at rest */
     FEATURE_COUNT
 };
 

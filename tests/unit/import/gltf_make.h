@@ -128,6 +128,7 @@ static inline const char *make_declaration(const struct make *m, const char *res
         "KHR_texture_transform",
         "KHR_materials_volume",
         "KHR_materials_diffuse_transmission",
+        "KHR_materials_pbrSpecularGlossiness",
     };
     static char text[512];
     const char *head = ",\"extensionsUsed\":[";

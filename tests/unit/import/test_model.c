@@ -234,6 +234,63 @@ static const char ply[] = "ply\nformat ascii 1.0\nelement vertex 3\nproperty flo
                           "z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n"
                           "3 0 1 2\n";
 
+/* sRGB in the file; 128 / 255 is 0.2158605. */
+static void vertices_of_obj_and_ply_files_have_colours(void **state)
+{
+    static const char *const texts[] = {
+        "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 1 1 0 0.5019608 0.5019608 0.5019608\nf 1 2 3\n",
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty uchar "
+        "red\nproperty uchar green\nproperty uchar blue\nelement face 1\nproperty list uchar int "
+        "vertex_indices\nend_header\n0 0 0 255 0 0\n1 0 0 0 255 0\n1 1 0 128 128 128\n3 0 1 2\n",
+    };
+    static const char *const names[] = { "a.obj", "a.ply" };
+    static const float colours[12] = { 1, 0, 0, 1, 0, 1, 0, 1, 0.2158605f, 0.2158605f, 0.2158605f, 1 };
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    for (size_t i = 0; i < 2; i++) {
+        log_begin();
+        struct scene *s = load_or_fail(folder_text(&f, names[i], texts[i]));
+        assert_string_equal(log_end(), "");
+        assert_non_null(s->meshes[0].colours);
+        for (size_t k = 0; k < 12; k++)
+            assert_float_equal(s->meshes[0].colours[k], colours[k], 1e-5f);
+        assert_colour(s->materials[s->meshes[0].material].diffuse, 1.0f, 1.0f, 1.0f);
+        scene_destroy(s);
+    }
+    folder_remove(&f);
+}
+
+/* A texture comes before them, and so does a material of the scene file. */
+static void colours_of_vertices_come_last(void **state)
+{
+    static const char text[] = "mtllib m.mtl\nv 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 1 1 0 1 0 0\nvt 0 0\nvt 1 0\nvt 1 "
+                               "1\nusemtl m\n" FACE;
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    folder_write(&f, "t.png", four_png, sizeof(four_png));
+    folder_text(&f, "m.mtl", "newmtl m\nKd 0.5 0.5 0.5\n");
+    struct scene *s = load_or_fail(folder_text(&f, "m.obj", text));
+    assert_non_null(s->meshes[0].colours); /* they multiply Kd */
+    assert_colour(s->materials[s->meshes[0].material].diffuse, 0.5f, 0.5f, 0.5f);
+    scene_destroy(s);
+    s = load_or_fail(folder_text(&f, "s.json",
+                                 "{\"models\":[{\"file\":\"m.obj\"}],\"materials\":{\"m\":{\"type\":"
+                                 "\"lambert\",\"albedo\":[0,0,1]}}}"));
+    assert_null(s->meshes[0].colours);
+    scene_destroy(s);
+    folder_text(&f, "m.mtl", "newmtl m\nKd 0.5 0.5 0.5\nmap_Kd t.png\n");
+    log_begin();
+    s = load_or_fail(folder_text(&f, "m.obj", text));
+    assert_non_null(strstr(log_end(), "not supported: vertex colours"));
+    assert_null(s->meshes[0].colours);
+    scene_destroy(s);
+    folder_remove(&f);
+}
+
 static void a_model_alone_is_a_framed_scene(void **state)
 {
     static const struct {
@@ -282,6 +339,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_texture_is_found_beside_the_model),
     cmocka_unit_test(what_is_missing_is_grey_with_a_warning),
     cmocka_unit_test(names_of_the_scene_file_come_first),
+    cmocka_unit_test(vertices_of_obj_and_ply_files_have_colours),
+    cmocka_unit_test(colours_of_vertices_come_last),
     cmocka_unit_test(a_model_alone_is_a_framed_scene),
     cmocka_unit_test(other_formats_are_refused_with_what_to_do),
 };
