@@ -7,7 +7,7 @@
 
 #define FILE_MAX (256u << 20)
 
-static enum err check_size(uint64_t width, uint64_t height, const char *name, struct reason *why)
+enum err texture_check_size(uint64_t width, uint64_t height, const char *name, struct reason *why)
 {
     if (width < 1 || height < 1 || width > TEXTURE_SIDE_MAX || height > TEXTURE_SIDE_MAX ||
         width * height > TEXTURE_TEXELS_MAX)
@@ -25,7 +25,7 @@ static enum err decode_png(const void *bytes, size_t count, enum texture_values 
 
     if (!png_image_begin_read_from_memory(&image, bytes, count))
         return err_say(why, ERR_FORMAT, "%s: PNG: %s", name, image.message);
-    e = check_size(image.width, image.height, name, why);
+    e = texture_check_size(image.width, image.height, name, why);
     if (e)
         goto done;
     image.format = PNG_FORMAT_RGBA;
@@ -53,7 +53,7 @@ static enum err decode_jpeg(const void *bytes, size_t count, enum texture_values
         goto done;
     }
     e = width < 1 || height < 1 ? err_say(why, ERR_FORMAT, "%s: JPEG: it contains no image", name)
-                                : check_size((uint64_t)width, (uint64_t)height, name, why);
+                                : texture_check_size((uint64_t)width, (uint64_t)height, name, why);
     if (!e)
         e = texture_init(out, (uint32_t)width, (uint32_t)height, values);
     /* TJPF_RGBA sets alpha to 255 */
@@ -71,7 +71,7 @@ static enum err decode_webp(const void *bytes, size_t count, enum texture_values
 
     if (!WebPGetInfo(bytes, count, &width, &height))
         return err_say(why, ERR_FORMAT, "%s: WebP: the header is damaged", name);
-    enum err e = check_size((uint64_t)width, (uint64_t)height, name, why);
+    enum err e = texture_check_size((uint64_t)width, (uint64_t)height, name, why);
     if (!e)
         e = texture_init(out, (uint32_t)width, (uint32_t)height, values);
     const size_t row = 4 * (size_t)width;
@@ -107,8 +107,10 @@ enum err texture_decode(const void *bytes, size_t count, enum texture_values val
     else if (count >= sizeof(ktx_start) && memcmp(bytes, ktx_start, sizeof(ktx_start)) == 0)
         e = err_say(why, ERR_UNSUPPORTED,
                     "%s: KTX2 is not supported; convert it to PNG, for instance with 'ktx extract'", name);
+    else if (tga_recognise(bytes, count))
+        e = tga_decode(bytes, count, values, name, out, why);
     else
-        e = err_say(why, ERR_UNSUPPORTED, "%s: texture is neither PNG nor JPEG nor WebP", name);
+        e = err_say(why, ERR_UNSUPPORTED, "%s: texture is neither PNG nor JPEG nor WebP nor TGA", name);
     if (e) {
         texture_finish(out);
         return e;

@@ -234,6 +234,71 @@ static const char ply[] = "ply\nformat ascii 1.0\nelement vertex 3\nproperty flo
                           "z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n"
                           "3 0 1 2\n";
 
+static struct scene *scene_with_tga(struct folder *f, const uint8_t *bytes, size_t size)
+{
+    folder_write(f, "t.tga", bytes, size);
+    folder_text(f, "m.mtl", "newmtl m\nmap_Kd t.tga\n");
+    return load_or_fail(folder_text(f, "m.obj", "mtllib m.mtl\n" TRIANGLE "usemtl m\n" FACE));
+}
+
+/* Each is 2 x 2: red, green / blue, white. */
+static void tga_textures_are_read(void **state)
+{
+    static const uint8_t plain[] = { 1,   0, 2, 0,   0,   0,   0,   0, 0,   0, 0,   0,
+                                     2,   0, 2, 0,   24,  0,   'x', /* from the bottom */
+                                     255, 0, 0, 255, 255, 255, 0,   0, 255, 0, 255, 0 };
+    static const uint8_t packed[] = { 0,   0, 10, 0,   0,    0,   0,   0,   0,
+                                      0,   0, 0,  2,   0,    2,   0,   32,  0x28, /* from the top */
+                                      2,   0, 0,  255, 255,  0,   255, 0,   255,
+                                      255, 0, 0,  255, 0x80, 255, 255, 255, 255 };
+    static const uint8_t mapped[] = { 0, 1,    1,    5, 0,    4,    0,    16,   0, 0, 0, 0,
+                                      2, 0,    2,    0, 8,    0x30, /* from the top right */
+                                      0, 0x7c, 0xe0, 3, 0x1f, 0,    0xff, 0x7f, 6, 5, 8, 7 };
+    static const uint8_t want[] = { 255, 0, 0, 255, 0, 255, 0, 255, 0, 0, 255, 255, 255, 255, 255, 255 };
+    static const struct {
+        const uint8_t *bytes;
+        size_t size;
+    } files[] = { { plain, sizeof(plain) }, { packed, sizeof(packed) }, { mapped, sizeof(mapped) } };
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    for (size_t i = 0; i < 3; i++) {
+        struct scene *s = scene_with_tga(&f, files[i].bytes, files[i].size);
+        assert_int_equal(s->texture_count, 1);
+        assert_memory_equal(s->textures[0].texels, want, sizeof(want));
+        scene_destroy(s);
+        for (size_t size = 0; size < files[i].size; size++) { /* truncated */
+            log_begin();
+            s = scene_with_tga(&f, files[i].bytes, size);
+            assert_non_null(strstr(log_end(), size < 18 ? "neither PNG nor JPEG nor WebP nor TGA" : "TGA: the file"));
+            assert_int_equal(s->texture_count, 0);
+            scene_destroy(s);
+        }
+    }
+    folder_remove(&f);
+}
+
+/* A run that covers rows; and an index outside the map. */
+static void tga_textures_may_be_grey(void **state)
+{
+    static const uint8_t run[] = { 0, 0, 11, 0, 0, 0, 0, 0, 0, 0, 0, 0, 2, 0, 2, 0, 8, 0x20, 0x83, 7 };
+    static const uint8_t outside[] = { 0, 1, 1, 0, 0, 1, 0, 24, 0, 0, 0, 0, 1, 0, 1, 0, 8, 0, 1, 2, 3, 1 };
+    struct folder f;
+
+    (void)state;
+    folder_make(&f);
+    struct scene *s = scene_with_tga(&f, run, sizeof(run));
+    for (size_t i = 0; i < 16; i++)
+        assert_int_equal(s->textures[0].texels[i], i % 4 == 3 ? 255 : 7);
+    scene_destroy(s);
+    log_begin();
+    s = scene_with_tga(&f, outside, sizeof(outside));
+    assert_non_null(strstr(log_end(), "outside its colour map; 'm' is grey"));
+    scene_destroy(s);
+    folder_remove(&f);
+}
+
 /* sRGB in the file; 128 / 255 is 0.2158605. */
 static void vertices_of_obj_and_ply_files_have_colours(void **state)
 {
@@ -339,6 +404,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_texture_is_found_beside_the_model),
     cmocka_unit_test(what_is_missing_is_grey_with_a_warning),
     cmocka_unit_test(names_of_the_scene_file_come_first),
+    cmocka_unit_test(tga_textures_are_read),
+    cmocka_unit_test(tga_textures_may_be_grey),
     cmocka_unit_test(vertices_of_obj_and_ply_files_have_colours),
     cmocka_unit_test(colours_of_vertices_come_last),
     cmocka_unit_test(a_model_alone_is_a_framed_scene),
