@@ -18,20 +18,24 @@
 const char *scene_feature_name(enum scene_feature feature)
 {
     switch (feature) {
-    case FEATURE_BUMP_MAP: return "bump maps";
-    case FEATURE_ALPHA: return "alpha masks and blending";
-    case FEATURE_SPECULAR_MAP: return "specular and transmission textures";
-    case FEATURE_SHEEN: return "sheen on glass";
-    case FEATURE_COAT_NORMAL: return "a normal map of its own of a clear coat";
-    case FEATURE_COATED_GLASS: return "clear coats on glass";
-    case FEATURE_ROUGH_GLASS: return "rough glass";
-    case FEATURE_TINTED_GLASS: return "tinted glass";
-    case FEATURE_PARTIAL_GLASS: return "partial transmission";
-    case FEATURE_VERTEX_COLOUR: return "vertex colours";
-    case FEATURE_TEXTURE_TRANSFORM: return "a third set of texture coordinates or texture transform in one material";
-    case FEATURE_SPECULAR_GLOSSINESS: return "a specular-glossiness texture with other coordinates than the diffuse texture";
-    case FEATURE_LIGHTS: return "lights of this format";
-    case FEATURE_ANIMATION: return "animation";
+    case FEATURE_BUMP_MAP: return "bump maps; the surfaces are smooth";
+    case FEATURE_ALPHA: return "alpha masks and blending; the surfaces are opaque";
+    case FEATURE_SPECULAR_MAP: return "specular and transmission textures; their factors alone count";
+    case FEATURE_SHEEN: return "sheen on glass; the glass has none";
+    case FEATURE_COAT_NORMAL: return "a normal map of its own of a clear coat; the coat is smooth";
+    case FEATURE_COATED_GLASS: return "clear coats on glass; the glass has none";
+    case FEATURE_ROUGH_GLASS: return "rough glass; up to a roughness of 0.4 it is smooth, above it transmits diffusely";
+    case FEATURE_TINTED_GLASS: return "tinted glass; it is clear";
+    case FEATURE_PARTIAL_GLASS:
+        return "partial transmission; a factor of 0.5 or more counts as 1, a smaller one as holes";
+    case FEATURE_VERTEX_COLOUR: return "vertex colours beside textures or in this format; the materials alone count";
+    case FEATURE_TEXTURE_TRANSFORM:
+        return "a third set of texture coordinates or texture transform in one material; its roughness counts by the "
+               "mean, its normal map not at all, its colours as if at the base colour's coordinates";
+    case FEATURE_SPECULAR_GLOSSINESS:
+        return "a specular-glossiness texture with other coordinates than the diffuse texture; its means count";
+    case FEATURE_LIGHTS: return "lights of this format; there are none, but a JSON scene may have some";
+    case FEATURE_ANIMATION: return "animation of this format; the model is at rest";
     case FEATURE_COUNT: break;
     }
     assert(!"invalid scene feature");

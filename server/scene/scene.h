@@ -122,7 +122,7 @@ struct scene {
     uint32_t unmodelled; /* bit 1 << feature for each enum scene_feature that occurred */
 };
 
-/* A short description, such as "normal maps". */
+/* A short description, and what happens instead, such as "tinted glass; it is clear". */
 const char *scene_feature_name(enum scene_feature feature);
 
 void scene_destroy(struct scene *s); /* NULL is allowed */

@@ -449,7 +449,7 @@ test('controls work again after a server restart', () =>
 
 test('nothing overflows and everything is reachable at any width', () =>
   withAll(files(), async (page) => {
-    for (const [width, height] of [[320, 640], [390, 844], [844, 390], [1000, 800], [1920, 1080]]) {
+    for (const [width, height] of [[320, 640], [390, 844], [844, 390], [910, 700], [1000, 800], [1920, 1080]]) {
       await page.setViewportSize({ width, height });
       await page.evaluate(() => { window.scrollTo(0, 0); document.querySelector('#panels').scrollTo(0, 0); });
       await untilFrames(page, 1);
