@@ -357,7 +357,8 @@ export class Connection {
     else if (this.lateS > 0) this.set({ name: 'stalled', late: true, seconds: Math.floor(this.lateS) });
     else if (name === 'waiting') this.set({ name: 'waiting', detail: this.source.detail });
     else if (name === 'failed') this.set({ name: 'failed', detail: this.source.detail });
-    else if (name === 'paused' || name === 'ended') this.set({ name, still, made: this.made });
+    else if (name === 'paused') this.set({ name, still, made: this.made });
+    else if (name === 'ended') this.set({ name, still, made: this.made, single: this.source.length === 1 });
     else if (newest && (still || quiet > allowed)) this.set({ name: 'live', still: still ?? 'idle' });
     else if (quiet > allowed) this.set({ name: 'stalled', silent: false, seconds: Math.floor(quiet / 1000) });
     else if (this.lastSequence > 0) this.set({ name: 'live' });

@@ -34,7 +34,7 @@ export function stateWord(state) {
     waiting: 'Waiting',
     live: 'Live',
     paused: 'Paused',
-    ended: { better: 'Refining', done: 'Converged' }[state.still] ?? 'Ended',
+    ended: { better: 'Refining', done: 'Converged' }[state.still] ?? (state.single ? 'Still sky' : 'Ended'),
     failed: 'Bad frame',
     stalled: 'Stalled',
     reconnecting: 'Reconnecting',
@@ -65,7 +65,8 @@ export function stateSentence(state, seen) {
       return seen && still ? `The sky is paused, and ${still}.` : `The sky is paused.${stays}`;
     case 'ended':
       if (state.detail === 'publishing') return `Publishing has ended.${stays}`;
-      if (seen) return still ? `The sky stands still, and ${still}.` : 'The sky sequence has ended. The last image stays on screen.';
+      if (seen && still) return `The sky stands still, and ${still}.`;
+      if (seen) return state.single ? 'The sky stands still: it is a single image.' : 'The sky sequence has ended. The last image stays on screen.';
       return state.made
         ? 'The sky stands still. Waiting for its image.'
         : 'The sky sequence ended before an image was made.';

@@ -407,7 +407,8 @@ static enum err add_material(struct gltf_source *s, const struct gltf_at *at, st
         e = gltf_read_coat(s, at, &m, surface);
     if (m.kind == MATERIAL_GLASS && m.roughness > 0.03f)
         scene_note_unmodelled(s->g->scene, FEATURE_ROUGH_GLASS, s->g->desc->path);
-    if (!e)
+    if (!e &&
+        !unlit) /* of unlit materials the base colour alone counts; emission is for viewers without the extension */
         e = read_emission(s, at, &m, surface);
     if (!e && !unlit)
         e = gltf_read_sheen(s, at, &m, surface);

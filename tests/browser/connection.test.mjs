@@ -172,12 +172,14 @@ test('refinement of a still sky is part of the state', async () => {
   world.open();
   world.welcome();
   world.status('ended', '', 0, { frames: { used: 0 } });
-  assert.deepEqual(connection.state, { name: 'ended', still: undefined, made: false });
+  assert.deepEqual(connection.state, { name: 'ended', still: undefined, made: false, single: false });
   world.status('ended', '', 0, { frames: { used: 1 } });
-  assert.deepEqual(connection.state, { name: 'ended', still: undefined, made: true });
+  assert.deepEqual(connection.state, { name: 'ended', still: undefined, made: true, single: false });
   world.picture(1);
   world.status('ended', '', 0, { frames: { used: 1 }, light: { passes: 4, converged: false } });
-  assert.deepEqual(connection.state, { name: 'ended', still: 'better', made: true });
+  assert.deepEqual(connection.state, { name: 'ended', still: 'better', made: true, single: false });
+  world.status('ended', '', 0, { source: { state: 'ended', length: 1 }, frames: { used: 1 }, light: { passes: null } });
+  assert.deepEqual(connection.state, { name: 'ended', still: undefined, made: true, single: true });
   world.status('paused', '', 0, { frames: { used: 1 }, light: { passes: 9, converged: true } });
   assert.deepEqual(connection.state, { name: 'paused', still: 'done', made: true });
   world.status('live', '', 30, { frames: { used: 2 }, light: { passes: null, converged: null } });

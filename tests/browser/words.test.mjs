@@ -66,6 +66,7 @@ test('a still sky differs from one that has ended, and a refining image from a c
     [{ name: 'ended', made: true }, false, 'The sky stands still. Waiting for its image.'],
     [{ name: 'ended', made: false }, false, 'The sky sequence ended before an image was made.'],
     [{ name: 'ended', made: true }, true, 'The sky sequence has ended. The last image stays on screen.'],
+    [{ name: 'ended', made: true, single: true }, true, 'The sky stands still: it is a single image.'],
     [{ name: 'ended', made: true, still: 'better' }, true, 'The sky stands still, and its image is being refined.'],
     [{ name: 'ended', made: true, still: 'done' }, true, 'The sky stands still, and its image has converged.'],
     [{ name: 'ended', made: true, still: 'better' }, false, 'The sky stands still. Waiting for its image.'],
@@ -81,6 +82,7 @@ test('a still sky differs from one that has ended, and a refining image from a c
   ];
   for (const [state, seen, want] of told) assert.equal(stateSentence(state, seen), want);
   assert.equal(stateWord({ name: 'ended' }), 'Ended');
+  assert.equal(stateWord({ name: 'ended', single: true }), 'Still sky');
   assert.equal(stateWord({ name: 'ended', still: 'better' }), 'Refining');
   assert.equal(stateWord({ name: 'ended', still: 'done' }), 'Converged');
 });

@@ -1,61 +1,7 @@
 /* Textures of numbers in glTF files: the materials that result, and the warnings about maps that do not fit. */
-#include "gltf_make.h"
+#include "gltf_square.h"
 
-#include "import/gltf_glossy.h"
-#include "pngs.h"
 #include "scene/scatter.h"
-
-static const float corners[] = { 0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0 };
-static const float uvs[] = { 0, 1, 1, 1, 1, 0, 0, 0 };
-static const float normals[] = { 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1 };
-static const float tangents[] = { 0, 1, 0, -1, 0, 1, 0, -1, 0, 1, 0, -1, 0, 1, 0, -1 }; /* not those of the uvs */
-static const uint8_t two_triangles[] = { 0, 1, 2, 0, 2, 3 };
-
-#define REST                                                                                                           \
-    "\"nodes\":[{\"mesh\":0%s}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0%s},"                      \
-    "\"indices\":1,\"material\":0}]}],\"textures\":[{\"source\":0},{\"source\":1}],"                                   \
-    "\"images\":[{\"uri\":\"map.png\"},{\"uri\":\"t.png\"}],\"materials\":[{%s}]"
-#define UVS ",\"TEXCOORD_0\":2,\"TEXCOORD_1\":2,\"TEXCOORD_2\":2,\"NORMAL\":3"
-#define TANGENTS UVS ",\"TANGENT\":4"
-
-/* A square with a material, further attributes and members of its node. Textures: 0 is map.png, which the test writes,
- * 1 an image of colours. */
-static const char *square_with(struct make *m, const char *material, const char *attributes, const char *node)
-{
-    static char text[4096];
-
-    m->size = 0;
-    m->views[0] = m->accessors[0] = '\0';
-    m->view_count = m->accessor_count = 0;
-    FLOATS(m, corners, "VEC3", 4);
-    make_array(m, two_triangles, sizeof(two_triangles), 5121, "SCALAR", 6);
-    FLOATS(m, uvs, "VEC2", 4);
-    FLOATS(m, normals, "VEC3", 4);
-    FLOATS(m, tangents, "VEC4", 4);
-    folder_write(&m->folder, "t.png", four_png, sizeof(four_png));
-    snprintf(text, sizeof(text), REST, node, attributes, material);
-    return make_gltf(m, text);
-}
-
-static const char *square_of(struct make *m, const char *material)
-{
-    return square_with(m, material, UVS, "");
-}
-
-/* The material that was read, and its warnings; its maps must be textures of numbers. */
-static struct material read_material(struct make *m, const char *material, const char **said)
-{
-    log_begin();
-    struct scene *s = load_or_fail(square_of(m, material));
-    *said = log_end();
-    const struct material out = s->materials[0];
-    if (out.maps & MAP_NORMAL)
-        assert_int_equal(s->textures[out.normal_texture].values, TEXTURE_LINEAR);
-    if (out.maps & MAP_ROUGHNESS)
-        assert_int_equal(s->textures[out.roughness_texture].values, TEXTURE_LINEAR);
-    scene_destroy(s);
-    return out;
-}
 
 #define ROUGH(factors, texture)                                                                                        \
     "\"pbrMetallicRoughness\":{" factors "\"baseColorTexture\":{\"index\":1},\"metallicRoughnessTexture\":{" texture   \
@@ -99,88 +45,6 @@ static void metallic_roughness_textures_become_maps(void **state)
     assert_int_equal(m.maps, 0);
     assert_float_equal(m.roughness, 0.03f * 128.0f / 255.0f, 1e-6f);
     assert_true(material_is_delta(&m));
-    make_end(&f);
-}
-
-#define GLOSSY(members) "\"extensions\":{\"KHR_materials_pbrSpecularGlossiness\":{" members "}}"
-
-/* Matte albedo and F0 of a grey surface are those that the specular-glossiness model states. */
-static void specular_glossiness_keeps_matte_and_specular(void **state)
-{
-    static const float greys[][2] = {
-        { 0.5f, 0.04f }, { 0.2f, 0.1f }, { 0.0f, 0.9f }, { 0.02f, 0.6f }, { 0.1f, 0.2f }
-    };
-    struct glossy_texel t;
-
-    (void)state;
-    for (size_t i = 0; i < sizeof(greys) / sizeof(greys[0]); i++) {
-        const float d = greys[i][0], s = greys[i][1];
-        glossy_convert((float[3]){ d, d, d }, (float[3]){ s, s, s }, 0.25f, &t);
-        assert_float_equal(0.96f * (1.0f - t.metallic) * t.base[0], d * (1.0f - s), 1e-5f);
-        assert_float_equal(0.04f * (1.0f - t.metallic) + t.metallic * t.base[0], s, 1e-5f);
-        assert_float_equal(t.roughness, 0.75f, 0.0f);
-    }
-    glossy_convert((float[3]){ 0.8f, 0.5f, 0.1f }, (float[3]){ 0.0f, 0.0f, 0.0f }, 1.0f,
-                   &t); /* less than a dielectric */
-    assert_true(t.metallic == 0.0f && t.roughness == 0.0f);
-    assert_float_equal(t.base[0], 0.8f / 0.96f, 1e-5f);
-}
-
-static void specular_glossiness_textures_become_two(void **state)
-{
-    const char *said;
-    struct make f;
-
-    (void)state;
-    make_begin(&f);
-    folder_write(&f.folder, "map.png", faint_png, sizeof(faint_png));
-    const char *path = square_of(
-        &f, GLOSSY("\"specularGlossinessTexture\":{\"index\":0},"
-                   "\"diffuseTexture\":{\"index\":1}") "},{" GLOSSY("\"specularGlossinessTexture\":{\"index\":0},"
-                                                                    "\"diffuseTexture\":{\"index\":1}"));
-    log_begin();
-    struct scene *s = load_or_fail(path);
-    assert_string_equal(log_end(), "");
-    const struct material *m = &s->materials[0];
-    assert_int_equal(m->maps, MAP_ROUGHNESS);
-    assert_true(m->roughness == 1.0f && m->metallic == 1.0f && m->diffuse.x == 1.0f);
-    /* white metal of glossiness 0, 51 / 102, 255 */
-    const struct texture *base = &s->textures[m->texture], *rough = &s->textures[m->roughness_texture];
-    static const uint8_t roughness[4] = { 255, 204, 153, 0 };
-    for (size_t i = 0; i < 4; i++) {
-        assert_int_equal(base->texels[4 * i], 255);
-        assert_int_equal(rough->texels[4 * i + 1], roughness[i]);
-        assert_int_equal(rough->texels[4 * i + 2], 255);
-    }
-    assert_true(s->materials[1].texture == m->texture && s->materials[1].roughness_texture == m->roughness_texture);
-    assert_int_equal(s->texture_count, 2);
-    scene_destroy(s);
-    /* other coordinates: the means */
-    const struct material other = read_material(&f,
-                                                GLOSSY("\"specularGlossinessTexture\":{\"index\":0,\"texCoord\":1},"
-                                                       "\"diffuseTexture\":{\"index\":1}"),
-                                                &said);
-    assert_int_equal(other.maps, 0);
-    assert_float_equal(other.roughness, 1.0f - (0 + 51 + 102 + 255) / 1020.0f, 1e-6f);
-    assert_int_equal(count_of(said, "specular-glossiness texture with other coordinates"), 1);
-    make_end(&f);
-}
-
-static void missing_specular_glossiness_textures_leave_the_factors(void **state)
-{
-    const char *said;
-    struct make f;
-
-    (void)state;
-    make_begin(&f);
-    faults_intended = true;
-    const struct material m =
-        read_material(&f, GLOSSY("\"glossinessFactor\":0.25,\"specularGlossinessTexture\":{\"index\":0}"), &said);
-    faults_intended = false;
-    assert_int_equal(m.maps, 0);
-    assert_float_equal(m.roughness, 0.75f, 0.0f);
-    assert_non_null(
-        strstr(said, "map.png: No such file or directory; the specular and glossiness factors alone count"));
     make_end(&f);
 }
 
@@ -231,8 +95,9 @@ static void normal_textures_become_maps(void **state)
     assert_true(m.maps == MAP_ROUGHNESS && m.second == MAP_ROUGHNESS);
     assert_int_equal(
         count_of(said, "not supported: a third set of texture coordinates or texture transform in one material"), 1);
-    m = read_material(&f, BUMPY ",\"extensions\":{\"KHR_materials_unlit\":{}}", &said);
+    m = read_material(&f, BUMPY "," GLOWS(0) ",\"extensions\":{\"KHR_materials_unlit\":{}}", &said);
     assert_int_equal(m.maps, 0);
+    assert_true(m.emission.x == 0.0f && m.emission.y == 0.0f && m.emission.z == 0.0f);
     folder_write(&f.folder, "map.png", flat_png, sizeof(flat_png));
     m = read_material(&f, BUMPY, &said);
     assert_int_equal(m.maps, 0);
@@ -609,9 +474,6 @@ static void leaves_transmit(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(metallic_roughness_textures_become_maps),
-    cmocka_unit_test(specular_glossiness_keeps_matte_and_specular),
-    cmocka_unit_test(specular_glossiness_textures_become_two),
-    cmocka_unit_test(missing_specular_glossiness_textures_leave_the_factors),
     cmocka_unit_test(faults_of_metallic_roughness_textures_are_named),
     cmocka_unit_test(clear_coats_have_factors_and_maps),
     cmocka_unit_test(normal_textures_become_maps),
