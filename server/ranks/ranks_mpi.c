@@ -41,7 +41,7 @@ struct ranks {
     bool has_keeper;
     atomic_bool leaving;
     atomic_bool sending, posting, open[2]; /* for the keeper: messages under way; open: of a turn */
-    pthread_mutex_t sent_lock;             /* who tests `sent` */
+    pthread_mutex_t sent_lock;             /* who tests `sent` or `posted` */
     const atomic_bool *stop;
     bool lost;                 /* stopped while it waited for a rank */
     struct turn {              /* rank 0's */
@@ -105,15 +105,15 @@ static uint64_t answered(struct ranks *r)
     return r->number;
 }
 
-/* A sent answer no longer needs the keeper. The main thread may be waiting for it. */
-static void follow_sent(struct ranks *r)
+/* A message that was sent no longer needs the keeper. The main thread may be waiting for it. */
+static void follow_sent(struct ranks *r, MPI_Request *q, atomic_bool *under_way)
 {
     int done = 0;
 
-    if (!atomic_load(&r->sending) || pthread_mutex_trylock(&r->sent_lock))
+    if (!atomic_load(under_way) || pthread_mutex_trylock(&r->sent_lock))
         return;
-    if (MPI_Test(&r->sent, &done, MPI_STATUS_IGNORE) == MPI_SUCCESS && done)
-        atomic_store(&r->sending, false);
+    if (MPI_Test(q, &done, MPI_STATUS_IGNORE) == MPI_SUCCESS && done)
+        atomic_store(under_way, false);
     pthread_mutex_unlock(&r->sent_lock);
 }
 
@@ -141,7 +141,8 @@ static void *keep_moving(void *context)
         MPI_Status status;
         uint64_t more, before;
         int found = 0;
-        follow_sent(r);
+        follow_sent(r, &r->sent, &r->sending);
+        follow_sent(r, &r->posted, &r->posting);
         MPI_Iprobe(MPI_ANY_SOURCE, TAG_TAKE, MPI_COMM_WORLD, &found, &status);
         if (!found) {
             nanosleep(&(struct timespec){ 0, pause_ns(r, clock_seconds() - taken_s) }, NULL);
@@ -474,15 +475,19 @@ enum err ranks_post(struct ranks *r, const void *bytes, size_t size)
 {
     if (size > INT32_MAX)
         return ERR_RANGE;
+    pthread_mutex_lock(&r->sent_lock);
     wait_for(&r->posted);
+    pthread_mutex_unlock(&r->sent_lock);
     mem_free(r->post);
     r->post = mem_alloc_raw(size + 1, 1);
     if (!r->post)
         return ERR_NOMEM;
     if (size > 0)
         memcpy(r->post, bytes, size);
-    atomic_store(&r->posting, true);
+    pthread_mutex_lock(&r->sent_lock);
     MPI_Isend(r->post, (int)size, MPI_BYTE, 0, TAG_POST, MPI_COMM_WORLD, &r->posted);
+    atomic_store(&r->posting, true);
+    pthread_mutex_unlock(&r->sent_lock);
     return ERR_OK;
 }
 

@@ -8,6 +8,8 @@
 
 #define SMOOTH 0.1           /* weight of a picture in a rank's measured speed, */
 #define SOON 0.4             /* and while shares are not settled */
+#define WAITED 2e-3          /* seconds: longer than a poll */
+#define REMEMBERED 0.9       /* per picture, of the time that answers spent on their way */
 #define LEAST 0.02           /* of the fastest rank's speed: with no share at all, it would never be measured again */
 #define BLOCK_PACKETS 4      /* at most, of a block of the cache */
 #define MARGIN (1.0 / 128.0) /* a rank keeps the packets of its share and this part of a mean share on either side, */
@@ -201,4 +203,14 @@ void team_learn(struct team *t, uint32_t rank, uint32_t packets, double seconds)
         most = t->speed[k] > most ? t->speed[k] : most;
     if (t->speed[rank] < LEAST * most)
         t->speed[rank] = LEAST * most;
+}
+
+void team_learn_answer(struct team *t, uint32_t rank, uint32_t packets, double lit_s, double taken_s)
+{
+    if (packets == 0)
+        return;
+    const double way_s = fmax(0.0, taken_s - lit_s) / packets, known_s = REMEMBERED * t->way_s[rank];
+
+    t->way_s[rank] = t->waited[rank] > WAITED ? way_s : fmin(way_s, known_s);
+    team_learn(t, rank, packets, lit_s + packets * t->way_s[rank]);
 }

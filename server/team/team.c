@@ -14,8 +14,7 @@
 #include <math.h>
 #include <string.h>
 
-#define FIRST 12    /* pictures with a cache in which shares are measured */
-#define WAITED 2e-3 /* seconds: longer than a poll */
+#define FIRST 12 /* pictures with a cache in which shares are measured */
 
 /* ---- Light in messages ---- */
 
@@ -142,8 +141,8 @@ static enum err deal(struct team *t, struct dealt *d, const struct environment *
     return result ? result : expect_all(t, d);
 }
 
-/* Copies the parts of other ranks to their places, except the packets that rank 0 has lit itself. A rank for which rank
- * 0 had to wait has taken all the time since then: its link may be slow. */
+/* Copies the parts of other ranks to their places, except the packets that rank 0 has lit itself. since: the end of the
+ * picture before. */
 static enum err take_all(struct team *t, const struct dealt *d, const struct packet_list *own, float *lo, double since,
                          struct relight_stats *stats)
 {
@@ -165,7 +164,7 @@ static enum err take_all(struct team *t, const struct dealt *d, const struct pac
             unpack_light(t, at + sizeof(a), lo + (size_t)d->cuts[k] * BLOCK, (size_t)packets * BLOCK);
         t->stats.memory_most = k == 1 || a.memory > t->stats.memory_most ? a.memory : t->stats.memory_most;
         stats->direct.rays += a.rays;
-        team_learn(t, k, packets, t->waited[k] > WAITED ? fmax(a.seconds, taken_s) : a.seconds);
+        team_learn_answer(t, k, packets, a.seconds, taken_s);
         at += answer_bytes(t, packets);
     }
     for (uint32_t i = 0; i < own->count && !e; i++)
@@ -333,6 +332,7 @@ enum err team_create(const struct team_desc *desc, struct team **out, struct rea
         t->speed = mem_alloc(t->count, sizeof(*t->speed));
         t->weight = mem_alloc(t->count, sizeof(*t->weight));
         t->waited = mem_alloc(t->count, sizeof(*t->waited));
+        t->way_s = mem_alloc(t->count, sizeof(*t->way_s));
         for (int turn = 0; turn < 2; turn++)
             t->dealt[turn].cuts = mem_alloc((size_t)t->count + 1, sizeof(*t->cuts));
         t->cuts = t->dealt[0].cuts;
@@ -344,8 +344,8 @@ enum err team_create(const struct team_desc *desc, struct team **out, struct rea
         sky.lean = true;
         t->environment = t->own > 0 ? environment_create(&sky) : NULL;
     }
-    const bool all = t && t->speed && t->weight && t->waited && t->cuts && t->dealt[1].cuts && t->shares &&
-                     (t->environment || t->own == 0);
+    const bool all = t && t->speed && t->weight && t->waited && t->way_s && t->cuts && t->dealt[1].cuts &&
+                     t->shares && (t->environment || t->own == 0);
     enum err e = ranks_agree(desc->ranks, all ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory"), why);
     if (!e)
         e = compare_sets(t, why);
@@ -400,6 +400,7 @@ void team_destroy(struct team *t)
     mem_free(t->speed);
     mem_free(t->weight);
     mem_free(t->waited);
+    mem_free(t->way_s);
     mem_free(t->shares);
     mem_free(t->in.at);
     for (int turn = 0; turn < 2; turn++) {

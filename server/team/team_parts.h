@@ -56,6 +56,7 @@ struct team {
     struct team_stats stats;
     struct environment *environment; /* of other ranks */
     double *waited;                  /* [count]: seconds that rank 0 waited for the last picture's answers */
+    double *way_s;                   /* [count]: seconds per packet from a part's end to its answer's arrival */
     double *speed;                   /* [count]: packets a second; 0: not measured yet */
     double *weight;                  /* [count]: initial shares, sum 1 */
     uint32_t *shares;                /* [count + 1]: the cuts about which ranks keep packets */
@@ -124,5 +125,9 @@ MUST_CHECK enum err team_settle(struct team *t);
 void team_cut(const struct team *t, const struct transport *cache, uint32_t *cuts);
 /* Rank 0: what a rank's part of a picture took. */
 void team_learn(struct team *t, uint32_t rank, uint32_t packets, double seconds);
+/* Rank 0: what another rank's part took, of which lit_s is light, if it has just arrived: all the time since the picture
+ * before, taken_s. Rank 0 knows that it has if it waited for it (t->waited). Otherwise the answer came earlier; its way
+ * is then what it was the last time, less a little, so that a link that became fast is noticed. */
+void team_learn_answer(struct team *t, uint32_t rank, uint32_t packets, double lit_s, double taken_s);
 
 #endif

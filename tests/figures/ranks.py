@@ -5,12 +5,13 @@ usage: ranks.py BIN [--size WxH] [--frames N] [--rounds N] [--cache-dir DIR] [--
 
 BIN is the folder of the programs. PARTS: speed, memory, bits, many (64 ranks by the model), kills, links; all by default, some twenty
 minutes on two processors. Times are by the clock, so nothing else may run; runs alternate, and medians of rounds count. many and
-links need root: network namespaces (links.py)."""
+links need root: network namespaces (links.py). links can run in pieces, by --rates, --delays and --ranks, with --results."""
 
 import argparse
 import json
 import os
 import re
+import resource
 import statistics
 import subprocess
 import sys
@@ -207,35 +208,37 @@ def predict(c, ranks, rate_mbit, delay_ms, processors, highest=None):
 
 
 def busy_s():
-    """Processor time that this machine has spent."""
-    user, nice, system, _, _, irq, softirq = map(int, Path("/proc/stat").read_text().split()[1:8])
-    return (user + nice + system + irq + softirq) / os.sysconf("SC_CLK_TCK")
+    """Processor time of this process, which carries packets, and of its children that have ended."""
+    return sum(usage.ru_utime + usage.ru_stime for usage in map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)))
 
 
-def constants(jobs, size, half=False):
-    """Stages: of two ranks that share out frames, so that both processors are busy. Carrying: the processor time of a job by parts over a link
-    without limits, beyond these stages. Lost: the time from picture to picture there beyond the model's, by uneven shares and by waiting for
-    looks into MPI."""
+def sample(jobs, size, half=False):
+    """One measurement of what `constants` needs. Stages: of two ranks that share out frames, so that both processors are busy. Spent: processor
+    time per picture of a job by parts over a link without limits. Free: its time from picture to picture."""
     stats = jobs.work / "stats.json"
-    jobs.compute_cache(size)
     jobs.render(started(2), 40, "--method", "cached", "--threads", "1", "--stats", str(stats), size=size)
     entries = json.loads(stats.read_text())
-    ms = [entry["ms"] for entry in entries[6:]]
-    median = lambda *names: 1e-3 * statistics.median(sum(m[name] for name in names) for m in ms)
-    c = {"light_s": median("shade"), "ahead_s": median("decode", "rebuild"), "after_s": median("resolve", "write"), "carry_s": 0.0, "lost_s": 0.0,
-         "up": entries[0]["gbuffer"]["shade_points"] * 3 * (2 if half else 4) * 1.03}  # packets are not quite full; headers
-    spent, took = {SETTLED: [], SETTLED + 40: []}, []
+    median = lambda *names: 1e-3 * statistics.median(sum(entry["ms"][name] for name in names) for entry in entries[6:])
+    spent = []
     with net.Links(2, 100000, 0.0) as joined:
-        for frames in 5 * list(spent):  # what a start costs varies by as much as carrying does
+        for frames in (SETTLED, SETTLED + 40):
             start = busy_s()
             times = jobs.render(joined.command([]), frames, "--method", "cached", "--threads", "1", "--split-frames", size=size)
-            spent[frames].append(busy_s() - start)
-            took += [(times[-1] - times[SETTLED - 1]) / 40] if frames > SETTLED else []
+            spent.append(busy_s() - start)
     down, back = map(float, SUMMARY.search(jobs.log).groups())
-    c["down"] = down * 1e3
-    each_s = (statistics.median(spent[SETTLED + 40]) - statistics.median(spent[SETTLED])) / 40
-    c["carry_s"] = max(0.0, each_s - c["light_s"] - c["ahead_s"] - c["after_s"]) / (back * 1e6)
-    c["lost_s"] = max(0.0, statistics.median(took) - predict(c, 2, 100000, 0.0, CPUS)[0])
+    return {"light_s": median("shade"), "ahead_s": median("decode", "rebuild"), "after_s": median("resolve", "write"), "down": down * 1e3,
+            "up": entries[0]["gbuffer"]["shade_points"] * 3 * (2 if half else 4) * 1.03,  # packets are not quite full; headers
+            "spent_s": (spent[1] - spent[0]) / 40, "back": back * 1e6, "free_s": (times[-1] - times[SETTLED - 1]) / 40}
+
+
+def constants(samples, stages=None):
+    """Of the model. Carrying: what a picture by parts takes of processor time beyond the stages. Lost: what it takes from picture to picture
+    beyond the model, by uneven shares and by waiting for looks into MPI. Both are medians: what a start takes varies by as much as they do.
+    stages: the sample of these; medians by default."""
+    middle = lambda of: statistics.median(map(of, samples))
+    c = {name: stages[name] if stages else middle(lambda s: s[name]) for name in ("light_s", "ahead_s", "after_s", "down", "up")}
+    c["carry_s"] = max(0.0, middle(lambda s: (s["spent_s"] - s["light_s"] - s["ahead_s"] - s["after_s"]) / s["back"]))
+    c["lost_s"] = max(0.0, middle(lambda s: s["free_s"] - predict(dict(s, carry_s=c["carry_s"], lost_s=0.0), 2, 100000, 0.0, CPUS)[0]))
     return c
 
 
@@ -246,22 +249,41 @@ def most_points(jobs, ranks, size, up):
     return 1 - float(SUMMARY.search(jobs.log)[2]) * 1e6 / up
 
 
-def links(jobs):
-    size, offs, counts = jobs.options.link_size, [], list(map(int, jobs.options.ranks.split(",")))
-    c = constants(jobs, size)
-    most = {ranks: most_points(jobs, ranks, size, c["up"]) for ranks in counts}
-    print(f"Model, {size}: light {1e3 * c['light_s']:.1f} ms, rank 0 alone {1e3 * c['ahead_s']:.1f} ms ahead and {1e3 * c['after_s']:.1f} ms "
-          f"afterwards, {1e9 * c['carry_s']:.2f} ns a byte for carrying, {1e3 * c['lost_s']:.1f} ms lost, {1e-3 * c['down']:.1f} KB to each rank, {1e-6 * c['up']:.2f} MB of floats "
-          f"for all points; rank 0 lights at most {', '.join(f'{most[n]:.2f} of {n}' for n in counts)} ranks.\n")
-    print("| ranks | Mbit/s | delay, ms | measured, ms a picture | model | | what limits |\n|---|---|---|---|---|---|---|")
-    for rate in (100, 1000):
-        for delay in map(float, jobs.options.delays.split(",")):
-            for ranks in counts:
+def measure_links(jobs, seen):
+    """Adds a round to the measurements: a sample of the constants beside the cases of each link, since a machine's speed changes."""
+    options, size = jobs.options, jobs.options.link_size
+    for rate in map(int, options.rates.split(",")):
+        for delay in map(float, options.delays.split(",")):
+            seen.append({"sample": sample(jobs, size), "cases": []})
+            for ranks in map(int, options.ranks.split(",")):
                 with net.Links(ranks, rate, delay) as joined:
                     took = jobs.frame_s(joined.command([]), "--method", "cached", "--threads", "1", "--split-frames", size=size)
-                want, limit = predict(c, ranks, rate, delay, CPUS, most[ranks])
-                offs.append(want / took - 1)
-                print(f"| {ranks} | {rate} | {delay} | {1e3 * took:.1f} | {1e3 * want:.1f} | {100 * offs[-1]:+.0f} % | {limit} |", flush=True)
+                seen[-1]["cases"].append([rate, delay, ranks, took])
+            print(f"{rate} Mbit/s, {delay} ms: measured", file=sys.stderr, flush=True)
+            if options.results:
+                Path(options.results).write_text(json.dumps(seen))
+
+
+def links(jobs):
+    size, results, offs = jobs.options.link_size, jobs.options.results, []
+    seen = json.loads(Path(results).read_text()) if results and Path(results).exists() else []
+    jobs.compute_cache(size)
+    for _ in range(jobs.options.rounds):
+        measure_links(jobs, seen)
+    samples = [group["sample"] for group in seen]
+    cases = sorted({tuple(case[:3]) for group in seen for case in group["cases"]})
+    most = {ranks: most_points(jobs, ranks, size, samples[0]["up"]) for ranks in sorted({case[2] for case in cases})}
+    c = constants(samples)
+    print(f"Model, {size}: light {1e3 * c['light_s']:.1f} ms, rank 0 alone {1e3 * c['ahead_s']:.1f} ms ahead and {1e3 * c['after_s']:.1f} ms "
+          f"afterwards, {1e9 * c['carry_s']:.2f} ns a byte for carrying, {1e3 * c['lost_s']:.1f} ms lost, {1e-3 * c['down']:.1f} KB to each rank, {1e-6 * c['up']:.2f} MB of floats "
+          f"for all points; rank 0 lights at most {', '.join(f'{most[n]:.2f} of {n}' for n in most)} ranks. Medians of {len(samples)} samples.\n")
+    print("| ranks | Mbit/s | delay, ms | runs | measured, ms a picture | model | | what limits |\n|---|---|---|---|---|---|---|---|")
+    for rate, delay, ranks in cases:
+        runs = [(case[3], *predict(constants(samples, group["sample"]), ranks, rate, delay, CPUS, most[ranks]))
+                for group in seen for case in group["cases"] if tuple(case[:3]) == (rate, delay, ranks)]
+        took, want = (statistics.median(run[k] for run in runs) for k in (0, 1))
+        offs.append(want / took - 1)
+        print(f"| {ranks} | {rate} | {delay} | {len(runs)} | {1e3 * took:.1f} | {1e3 * want:.1f} | {100 * offs[-1]:+.0f} % | {runs[-1][2]} |", flush=True)
     within = sum(abs(off) <= 0.15 for off in offs)
     return [(f"model against measurement at these rates and delays: range; within 15 %",
              f"{100 * min(offs):+.0f} to {100 * max(offs):+.0f} %; {within} of {len(offs)}", "15 %")]
@@ -270,7 +292,8 @@ def links(jobs):
 def many(jobs):
     """64 ranks at 3840x2160 by the model: what grows with the points is measured at a smaller size, and scaled."""
     width, height = map(int, jobs.options.size.split("x"))
-    scale, c = 3840 * 2160 / (width * height), constants(jobs, jobs.options.size, half=True)
+    jobs.compute_cache(jobs.options.size)
+    scale, c = 3840 * 2160 / (width * height), constants([sample(jobs, jobs.options.size, half=True) for _ in range(5)])
     large = dict(c, light_s=c["light_s"] * scale, after_s=c["after_s"] * scale, up=c["up"] * scale)
     print(f"64 ranks of one thread, 3840x2160, half floats: light {large['light_s']:.2f} s, {1e3 * large['after_s']:.0f} ms of resolving and JPEG on "
           f"rank 0, {1e3 * large['carry_s'] * large['up']:.0f} ms of carrying, {1e-6 * large['up']:.0f} MB from all. One rank: "
@@ -292,6 +315,8 @@ def main():
     parser.add_argument("--link-size", default="640x360")
     parser.add_argument("--delays", default="0.1,1,5", help="ms, one way")
     parser.add_argument("--ranks", default="2,3,4")
+    parser.add_argument("--rates", default="100,1000", help="Mbit/s")
+    parser.add_argument("--results", metavar="FILE", help="add the rounds of links to those of FILE, and print the table of all; --rounds 0: only that")
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--only", default="speed,memory,bits,kills,many,links")
     options = parser.parse_args()

@@ -87,6 +87,16 @@ RUN
     expect 2 '--collect cannot be used with --layers' job 2 "${flags[@]}" --layers --out many/%02d.exr
 }
 
+# The thread that looks into MPI looks often only until a posted picture has been sent.
+a_collected_picture_leaves_the_keeper_calm() {
+    local library
+    library=$(find "$bin/.." -name libkeeper_pauses.so | head -1)
+    [ -n "$library" ] || fail "no libkeeper_pauses.so beside $bin"
+    mpirun --oversubscribe -n 2 -x LD_PRELOAD="$library" "$render" --source sky:size=64x32,time=09:00,speed=5 --size 128x72 --samples 32 --frames 0-11 \
+        --collect --out many/%02d.exr 2>log
+    grep -q 'keeper: calm after a post' log || { cat log; fail "the keeper looks as often as before"; }
+}
+
 # mpirun passes the signal on; what is there is whole.
 a_job_that_is_told_to_end_ends_and_can_be_resumed() {
     local frames=(--frames 0-99 --samples 16 --size 128x72 --source sky:size=64x32,time=09:00,speed=5) status=0

@@ -59,9 +59,46 @@ static void no_rank_exceeds_its_limit_from_any_cuts(void **state)
     }
 }
 
+/* A slow link: 100 packets take 5 ms of light and arrive 40 ms after the picture before. */
+static void a_slow_link_is_remembered_while_nobody_waits_for_it(void **state)
+{
+    double speed[2] = { 2000.0, 0.0 }, way_s[2] = { 0.0 }, waited[2] = { 0.0, 0.01 };
+    struct team t = { .count = 2, .settled = true, .speed = speed, .way_s = way_s, .waited = waited };
+
+    (void)state;
+    for (int k = 0; k < 3; k++)
+        team_learn_answer(&t, 1, 100, 0.005, 0.040);
+    assert_float_equal(speed[1], 100.0 / 0.040, 1e-9);
+    waited[1] = 0.0; /* just in time: by the light alone, the rank would be eight times as fast */
+    team_learn_answer(&t, 1, 100, 0.005, 0.040);
+    assert_true(speed[1] > 2500.0 && speed[1] < 1.02 * 2500.0);
+    for (int k = 0; k < 200; k++) /* the link has become fast, which shows in time */
+        team_learn_answer(&t, 1, 100, 0.005, 0.040);
+    assert_float_equal(speed[1], 100.0 / 0.005, 100.0);
+    waited[1] = 0.01; /* and slow again, at once */
+    for (int k = 0; k < 60; k++)
+        team_learn_answer(&t, 1, 100, 0.005, 0.040);
+    assert_float_equal(speed[1], 100.0 / 0.040, 50.0);
+}
+
+/* Rank 0 ends its picture 6 ms after the one before: an answer that is there took no longer. */
+static void an_answer_took_no_longer_than_the_picture(void **state)
+{
+    double speed[2] = { 2000.0, 0.0 }, way_s[2] = { 0.0, 1.0 }, waited[2] = { 0.0 };
+    struct team t = { .count = 2, .speed = speed, .way_s = way_s, .waited = waited };
+
+    (void)state;
+    team_learn_answer(&t, 1, 100, 0.005, 0.006);
+    assert_float_equal(speed[1], 100.0 / 0.006, 1e-6);
+    team_learn_answer(&t, 1, 0, 0.005, 0.006); /* no part, nothing learned */
+    assert_float_equal(speed[1], 100.0 / 0.006, 1e-6);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(shares_within_their_limits_stay),
     cmocka_unit_test(no_rank_exceeds_its_limit_from_any_cuts),
+    cmocka_unit_test(a_slow_link_is_remembered_while_nobody_waits_for_it),
+    cmocka_unit_test(an_answer_took_no_longer_than_the_picture),
 };
 
 UNIT_MAIN(tests)
