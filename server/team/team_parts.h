@@ -125,9 +125,9 @@ MUST_CHECK enum err team_settle(struct team *t);
 void team_cut(const struct team *t, const struct transport *cache, uint32_t *cuts);
 /* Rank 0: what a rank's part of a picture took. */
 void team_learn(struct team *t, uint32_t rank, uint32_t packets, double seconds);
-/* Rank 0: what another rank's part took, of which lit_s is light. If rank 0 waited for the answer (t->waited), it is all
- * the time since the picture before, taken_s. Otherwise the answer came earlier; its way is then taken to be that of the
- * last time, less a little, so that a link that became fast is noticed. */
+/* Rank 0: what another rank's part took, of which lit_s is light. If rank 0 waited for the answer (t->waited), it is
+ * all the time since the picture before, taken_s. Otherwise the answer came earlier; its way is then taken to be that
+ * of the last time, less a little, so that a link that became fast is noticed. */
 void team_learn_answer(struct team *t, uint32_t rank, uint32_t packets, double lit_s, double taken_s);
 
 #endif
