@@ -8,6 +8,7 @@
 #include "env/resample.h"
 #include "base/rng.h"
 
+#include <assert.h>
 #include <inttypes.h>
 #include <math.h>
 #include <pthread.h>
@@ -55,8 +56,12 @@ struct environment *environment_create(const struct environment_desc *desc)
         environment_destroy(e);
         return NULL;
     }
-    cube_solid_angles(n, e->solid_angle);
-    e->pyramid = pyramid_create(n, e->solid_angle);
+    assert(!desc->like || desc->like->n == n);
+    if (desc->like)
+        memcpy(e->solid_angle, desc->like->solid_angle, (size_t)n * n * sizeof(*e->solid_angle));
+    else
+        cube_solid_angles(n, e->solid_angle);
+    e->pyramid = desc->like ? pyramid_create_like(desc->like->pyramid) : pyramid_create(n, e->solid_angle);
     if (!e->pyramid) {
         environment_destroy(e);
         return NULL;

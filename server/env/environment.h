@@ -86,6 +86,7 @@ struct environment_desc {
     uint32_t max_side;                   /* maximum side of a frame's image, texels; 0: IMAGE_MAX_SIDE */
     struct resample_tables *tables; /* shared resampling tables (resample_table.h), which must outlive the environment;
                                        NULL: it creates its own */
+    const struct environment *like; /* of the same n: copies what depends on n alone, which saves time; or NULL */
 };
 
 /* NULL: out of memory, or n out of range. The caller owns the result. */

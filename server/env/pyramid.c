@@ -201,6 +201,36 @@ struct pyramid *pyramid_create(uint32_t n, const double *solid_angle)
     }
 }
 
+/* NULL if there is nothing to copy, or no memory. */
+static float *copy_of(const float *from, size_t count)
+{
+    float *to = from ? mem_alloc_raw(count, sizeof(*to)) : NULL;
+
+    return to ? memcpy(to, from, count * sizeof(*to)) : NULL;
+}
+
+struct pyramid *pyramid_create_like(const struct pyramid *of)
+{
+    struct pyramid *p = mem_alloc(1, sizeof(*p));
+    bool all = p != NULL;
+
+    for (uint32_t k = 0; k < of->count && all; k++) {
+        const struct pyramid_level *from = &of->level[k];
+        struct pyramid_level *l = &p->level[p->count++];
+        const size_t texels = (size_t)from->n * from->n;
+        l->n = from->n;
+        l->solid_angle = copy_of(from->solid_angle, texels);
+        l->gain = copy_of(from->gain, texels);
+        if (k > 0)
+            l->texels = l->own = mem_alloc(CUBE_FACES * texels, 4 * sizeof(*l->own));
+        all = l->solid_angle && (l->gain || !from->gain) && (l->own || k == 0);
+    }
+    if (all)
+        return p;
+    pyramid_destroy(p);
+    return NULL;
+}
+
 void pyramid_destroy(struct pyramid *p)
 {
     if (!p)

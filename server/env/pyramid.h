@@ -32,6 +32,8 @@ struct pyramid {
 
 /* For cube maps of n x n texels, 1..1024; solid_angle[n][n]: sr, of a face's texels. NULL: out of memory. */
 struct pyramid *pyramid_create(uint32_t n, const double *solid_angle);
+/* Another pyramid of the same size, without a frame. NULL: out of memory. Thread: any. */
+struct pyramid *pyramid_create_like(const struct pyramid *of);
 void pyramid_destroy(struct pyramid *p); /* NULL is allowed */
 
 /* Build all levels of a frame. Begin with its texels[6][n][n][4], which must stay valid for lookups. Then call

@@ -3,17 +3,31 @@
 #include "base/mem.h"
 
 #include <math.h>
+#include <string.h>
 
 #define LIKE_COSINE 0.9f /* of normals, from which points count as neighbours */
 #define LIKE_WIDTHS 4.0f /* distance from the tangent plane, in pixel widths, below which they do */
 #define COMPANY_LEAST 6  /* points of layers[1] have so many like them within 5 x 5 pixels, themselves included */
 
+/* Zeros, by all threads: most of the time goes into the first access to each page, and the first live image waits. */
+static float *make_planes(size_t count, size_t planes)
+{
+    float *p = mem_alloc_raw(count * planes, sizeof(*p));
+
+    if (!p)
+        return NULL;
+#pragma omp parallel for schedule(static)
+    for (size_t k = 0; k < planes; k++)
+        memset(p + k * count, 0, count * sizeof(*p));
+    return p;
+}
+
 static bool points_make(struct points *p, size_t count)
 {
     p->count = count;
-    p->surface = mem_alloc(count * SURFACE_PLANES, sizeof(float));
-    p->light = mem_alloc(count * LIGHT_PLANES, sizeof(float));
-    p->next = mem_alloc(count * LIGHT_PLANES, sizeof(float));
+    p->surface = make_planes(count, SURFACE_PLANES);
+    p->light = make_planes(count, LIGHT_PLANES);
+    p->next = make_planes(count, LIGHT_PLANES);
     return p->surface && p->light && p->next;
 }
 
@@ -115,9 +129,11 @@ static uint32_t heaviest(const struct filter *f, const struct view *v, uint32_t 
     return best;
 }
 
-/* Finds the points of a layer, after those of layers[0], and marks them: taken[point] = 1. */
+/* Finds the points of a layer, after those of layers[0], and marks them: taken[point] = 1. No two pixels have the same
+ * point. */
 static void choose_points(struct filter *f, const struct view *v, uint32_t layer, uint8_t *taken)
 {
+#pragma omp parallel for schedule(dynamic, 8)
     for (uint32_t y = 0; y < f->g->height; y++)
         for (uint32_t x = 0; x < f->pitch; x++) {
             const uint32_t best = x < f->g->width ? heaviest(f, v, layer, taken, x, y) : NOWHERE;
@@ -134,6 +150,7 @@ static size_t drop_lonely(struct filter *f, const struct view *v, uint8_t *taken
     struct layer *l = &f->layers[1];
     size_t left = 0;
 
+#pragma omp parallel for schedule(dynamic, 8)
     for (uint32_t y = 0; y < f->g->height; y++)
         for (uint32_t x = 0; x < f->g->width; x++) {
             const uint32_t point = l->point[y * f->pitch + x];
@@ -178,6 +195,7 @@ static size_t list_rest(struct filter *f, uint8_t *taken)
 
 static void put_surfaces(const struct filter *f, const struct view *v, const uint32_t *point, struct points *to)
 {
+#pragma omp parallel for schedule(static)
     for (size_t i = 0; i < to->count; i++)
         if (point[i] != NOWHERE)
             put_surface(f, v, point[i], to->surface, to->count, i);

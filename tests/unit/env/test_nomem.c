@@ -21,7 +21,11 @@ static enum err see(void *context, struct reason *why)
     const struct sight *s = context;
     struct resample_tables *tables = resample_tables_create();
     const struct environment_desc desc = { .n = 8, .layout = s->layout, .lean = s->lean, .tables = tables };
-    struct environment *one = tables ? environment_create(&desc) : NULL, *two = one ? environment_create(&desc) : NULL;
+    struct environment *one = tables ? environment_create(&desc) : NULL;
+    const struct environment_desc other = {
+        .n = 8, .layout = s->layout, .lean = s->lean, .tables = tables, .like = one
+    };
+    struct environment *two = one ? environment_create(&other) : NULL;
     enum err e = two ? environment_update(one, &s->f, why) : ERR_NOMEM;
 
     if (!e)

@@ -284,7 +284,40 @@ static void lookup_is_continuous_in_width(void **state)
     environment_destroy(e);
 }
 
+/* Slots for frames copy what depends on the size alone. The sizes have levels without gains, with gains, and one. */
+static void environment_like_another_is_the_same(void **state)
+{
+    static const uint32_t sizes[] = { 1, 7, 32, 40 };
+    struct frame f = sky_noise(64, 32);
+    struct reason why;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(sizes) / sizeof(sizes[0]); i++) {
+        const struct environment_desc desc = { .n = sizes[i], .layout = LAYOUT_LATLONG };
+        struct environment_desc like = desc;
+        struct environment *a = environment_create(&desc);
+        like.like = a;
+        struct environment *b = environment_create(&like);
+        assert_true(a && b);
+        assert_int_equal(environment_update(b, &f, &why), ERR_OK); /* first: it takes nothing of a's frame */
+        assert_int_equal(environment_update(a, &f, &why), ERR_OK);
+        const size_t texels = (size_t)CUBE_FACES * sizes[i] * sizes[i];
+        assert_memory_equal(a->texels, b->texels, texels * sizeof(*a->texels));
+        assert_memory_equal(a->row_cdf, b->row_cdf, texels * sizeof(*a->row_cdf));
+        for (uint32_t k = 0; k < 200 * WIDTHS; k++) {
+            float seen[2][3];
+            environment_lookup_wide(a, on_sphere(k / WIDTHS, 200), widths[k % WIDTHS], seen[0]);
+            environment_lookup_wide(b, on_sphere(k / WIDTHS, 200), widths[k % WIDTHS], seen[1]);
+            assert_memory_equal(seen[0], seen[1], sizeof(seen[0]));
+        }
+        environment_destroy(a); /* b has copies of its own */
+        environment_destroy(b);
+    }
+    frame_finish(&f);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(environment_like_another_is_the_same),
     cmocka_unit_test(constant_sky_is_constant_at_all_widths),
     cmocka_unit_test(narrow_lookup_is_the_plain_one),
     cmocka_unit_test(energy_is_kept_at_all_widths),
