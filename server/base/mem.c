@@ -1,3 +1,4 @@
+#define _DEFAULT_SOURCE /* madvise */
 #include "base/mem.h"
 
 #include <assert.h>
@@ -5,8 +6,10 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
-#define FIRST_ROOM 64 /* elements */
+#define FIRST_ROOM 64                /* elements */
+#define LARGE_PAGE ((size_t)2 << 20) /* bytes */
 
 void *mem_alloc_raw(size_t count, size_t size)
 {
@@ -22,6 +25,19 @@ void *mem_alloc(size_t count, size_t size)
 
     if (p)
         memset(p, 0, count * size);
+    return p;
+}
+
+void *mem_alloc_large(size_t count, size_t size)
+{
+    if ((size != 0 && count > (SIZE_MAX - LARGE_PAGE) / size) || count * size < LARGE_PAGE)
+        return mem_alloc(count, size);
+    const size_t bytes = (count * size + LARGE_PAGE - 1) / LARGE_PAGE * LARGE_PAGE;
+    void *p = aligned_alloc(LARGE_PAGE, bytes);
+    if (!p)
+        return NULL;
+    (void)madvise(p, bytes, MADV_HUGEPAGE); /* where it fails, the pages are small */
+    memset(p, 0, bytes);
     return p;
 }
 

@@ -110,7 +110,7 @@ enum err bounce_lay_out(struct bounce *b)
     const enum err e = find_places(b, &size);
     if (e)
         return e;
-    b->stream = mem_alloc(size, 1);
+    b->stream = mem_alloc_large(size, 1);
     b->stream_size = size;
     b->tents = mem_alloc(1, sizeof(*b->tents));
     if (!b->stream || !b->tents)

@@ -45,7 +45,7 @@ struct environment *environment_create(const struct environment_desc *desc)
         return NULL;
     e->n = n;
     e->tables = desc->tables;
-    e->texels = mem_alloc(texels, sizeof(*e->texels));
+    e->texels = mem_alloc_large(texels, sizeof(*e->texels));
     e->row_cdf = mem_alloc(texels, sizeof(*e->row_cdf));
     e->face_cdf = mem_alloc((size_t)CUBE_FACES * n, sizeof(*e->face_cdf));
     e->solid_angle = mem_alloc((size_t)n * n, sizeof(*e->solid_angle));

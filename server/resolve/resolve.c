@@ -132,7 +132,7 @@ static void find_places(struct resolver *r, const struct environment *e)
     if (r->places && lookup_key_equal(&key, &r->key))
         return;
     if (!r->places)
-        r->places = mem_alloc_raw(count ? count : 1, sizeof(*r->places));
+        r->places = mem_alloc_large(count ? count : 1, sizeof(*r->places));
     if (!r->places)
         return;
     r->key = key;
@@ -197,7 +197,7 @@ static void find_plain(struct resolver *r)
     if (r->plain && r->sky == (r->places != NULL))
         return;
     forget(r);
-    r->plain = mem_alloc_raw(count, sizeof(*r->plain));
+    r->plain = mem_alloc_large(count, sizeof(*r->plain));
     if (!r->plain)
         return;
     r->sky = r->places != NULL;
@@ -205,8 +205,8 @@ static void find_plain(struct resolver *r)
     for (size_t pixel = 0; pixel < count; pixel++)
         r->plain[pixel] = plain_of(r, pixel);
     gather_mixed(r, &pixels, &entries);
-    r->entries = mem_alloc_raw(entries + AHEAD, sizeof(*r->entries));
-    r->mixed = r->entries ? mem_alloc_raw(pixels + 1, sizeof(*r->mixed)) : NULL;
+    r->entries = mem_alloc_large(entries + AHEAD, sizeof(*r->entries));
+    r->mixed = r->entries ? mem_alloc_large(pixels + 1, sizeof(*r->mixed)) : NULL;
     if (!r->mixed) {
         forget(r);
         return;

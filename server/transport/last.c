@@ -9,9 +9,16 @@
 
 #define WORDS ((SKY_CHUNKS + 63) / 64)
 
+enum state {               /* of a block */
+             HELD = 1,     /* lit is its light */
+             CHANGING = 2, /* its cells changed in the last frame */
+             SHINES = 4,   /* shone is not all 0 */
+};
+
 struct transport_last {
-    bool known;              /* lit and shone are the light under the sky below */
-    bool lit_all, shone_all; /* this frame computes that part everywhere */
+    bool known;              /* lit, where it is held, and shone are the light under the sky below */
+    bool lit_all, shone_all; /* this frame computes that part everywhere, */
+    bool moved;              /* because all of the sky counts as changed */
     uint64_t changed[WORDS]; /* chunks of the sky that differ from the last frame's */
     _Alignas(64) float cells[SKY_CHUNKS][3][SKY_CHUNK];
     struct transport_bright bright; /* with `values` as its arrays */
@@ -21,6 +28,7 @@ struct transport_last {
     float *coefficients;
     uint32_t coefficient_count;
     uint64_t (*sees)[WORDS]; /* [block_count]: chunks of the sky that reach the block */
+    uint8_t *states;         /* [block_count]: bits of enum state */
     float *lit, *shone;      /* [packet_count][3][PACKET]: by cells and gazes; by the bright part. NULL until needed */
 };
 
@@ -31,6 +39,7 @@ void transport_last_destroy(struct transport_last *l)
     mem_free(l->values);
     mem_free(l->coefficients);
     mem_free(l->sees);
+    mem_free(l->states);
     mem_free(l->lit);
     mem_free(l->shone);
     mem_free(l);
@@ -137,11 +146,13 @@ static bool reserve_light(struct transport_last *l, const struct transport *t)
 
     if (!l->sees && !find_chunks(l, t))
         return false;
+    if (!l->states)
+        l->states = mem_alloc(t->block_count, sizeof(*l->states));
     if (!l->lit)
         l->lit = mem_alloc_raw(floats, sizeof(float));
     if (!l->shone)
         l->shone = mem_alloc_raw(floats, sizeof(float));
-    return l->lit && l->shone;
+    return l->states && l->lit && l->shone;
 }
 
 /* ---- A frame ---- */
@@ -157,6 +168,7 @@ bool transport_last_begin(struct transport *t, const struct transport_indirect *
     const bool same_bright = same_samples(&t->bright, &l->bright), same_rest = same_indirect(l, indirect);
     const bool alike = (same_rest && 2 * changed < SKY_CHUNKS) || (same_bright && t->bright.strata > 0);
 
+    l->moved = !same_rest;
     l->lit_all = !l->known || !same_rest;
     l->shone_all = !l->known || !same_bright;
     l->known = false;
@@ -169,16 +181,22 @@ void transport_last_end(struct transport *t, bool complete)
     t->last->known = complete;
 }
 
+/* What changes in frame after frame is computed in each of them and not kept, which saves 1 to 3 % of such a
+ * frame. What then stays the same for once is computed again and kept. */
 unsigned transport_last_work(const struct transport *t, uint32_t block)
 {
     const struct transport_last *l = t->last;
+    const unsigned bright = l->shone_all ? TRANSPORT_WORK_BRIGHT : 0;
+    uint8_t *state = &l->states[block];
     uint64_t reached = 0;
 
     for (uint32_t k = 0; k < WORDS; k++)
         reached |= l->sees[block][k] & l->changed[k];
     /* gazes read single texels, which the cells do not tell apart */
-    return (l->lit_all || reached || t->blocks[block].narrow ? TRANSPORT_WORK_CELLS : 0) |
-           (l->shone_all ? TRANSPORT_WORK_BRIGHT : 0);
+    const bool changed = l->moved || reached || t->blocks[block].narrow, again = changed && *state & CHANGING;
+    const bool computed = changed || l->lit_all || !(*state & HELD);
+    *state = (uint8_t)((*state & SHINES) | (changed ? CHANGING : 0) | (again ? 0 : HELD));
+    return bright | (computed ? TRANSPORT_WORK_CELLS : 0) | (again ? TRANSPORT_LAST_PASSING : 0);
 }
 
 float *transport_last_lit(const struct transport *t, uint32_t packet)
@@ -189,4 +207,21 @@ float *transport_last_lit(const struct transport *t, uint32_t packet)
 float *transport_last_shone(const struct transport *t, uint32_t packet)
 {
     return t->last->shone + (size_t)packet * 3 * PACKET;
+}
+
+void transport_last_look(const struct transport *t, uint32_t block)
+{
+    const struct transport_block *b = &t->blocks[block];
+    const float *shone = transport_last_shone(t, b->first);
+    uint8_t *state = &t->last->states[block];
+    bool any = false;
+
+    for (size_t i = 0; i < (size_t)b->packets * 3 * PACKET; i++)
+        any |= shone[i] != 0.0f;
+    *state = (uint8_t)(any ? *state | SHINES : *state & ~SHINES);
+}
+
+bool transport_last_is_dark(const struct transport *t, uint32_t block)
+{
+    return !(t->last->states[block] & SHINES);
 }

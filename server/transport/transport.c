@@ -61,7 +61,7 @@ void transport_gather_again(struct transport *t)
     for (uint32_t k = 0; k < t->block_count; k++)
         for (uint32_t r = 0; r < t->blocks[k].rows; r++)
             count += place_of(&t->blocks[k].pieces[r], &t->blocks[k]);
-    uint8_t *to = mem_alloc_raw(count, 1);
+    uint8_t *to = mem_alloc_large(count, 1);
     if (!to)
         return;
     t->bytes = to;
@@ -272,10 +272,11 @@ static void light_cells(const struct transport *t, const struct transport_look *
 
 /* Computes what has changed, and adds up the parts. Packets, far apart in memory, are not read for the rest. */
 static uint32_t shade_changes(const struct transport *t, const struct transport_look *look,
-                              const struct transport_frame *frame, const struct transport_block *b, unsigned work,
-                              float *lo, uint64_t *rays)
+                              const struct transport_frame *frame, uint32_t k, unsigned work, float *lo, uint64_t *rays)
 {
-    float *lit = transport_last_lit(t, b->first), *shone = transport_last_shone(t, b->first);
+    const struct transport_block *b = &t->blocks[k];
+    float *lit = work & TRANSPORT_LAST_PASSING ? lo : transport_last_lit(t, b->first);
+    float *shone = transport_last_shone(t, b->first);
     const size_t floats = (size_t)b->packets * 3 * PACKET;
     uint32_t penumbra = 0;
 
@@ -287,9 +288,13 @@ static uint32_t shade_changes(const struct transport *t, const struct transport_
         memset(shone, 0, floats * sizeof(*shone));
         penumbra = add_bright(t, b, shone, rays);
         clear_padding(t, b, shone);
+        transport_last_look(t, k);
     }
-    for (size_t i = 0; i < floats; i++)
-        lo[i] = lit[i] + shone[i];
+    if (lit != lo)
+        memcpy(lo, lit, floats * sizeof(*lo));
+    const size_t lighter = transport_last_is_dark(t, k) ? 0 : floats;
+    for (size_t i = 0; i < lighter; i++)
+        lo[i] += shone[i];
     return penumbra;
 }
 
@@ -312,7 +317,7 @@ static uint32_t shade_block(const struct shading *s, uint32_t k, float *lo, uint
     if (t->fades && t->fades[k].weight < TRANSPORT_FADE)
         return shade_fading(t, &s->look, k, lo, rays);
     if (s->keeps)
-        return shade_changes(t, &s->look, s->frame, b, work, lo, rays);
+        return shade_changes(t, &s->look, s->frame, k, work, lo, rays);
     light_cells(t, &s->look, s->frame, b, lo);
     const uint32_t penumbra = add_bright(t, b, lo, rays);
     clear_padding(t, b, lo);

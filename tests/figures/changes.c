@@ -115,7 +115,7 @@ static bool compare(struct changes *s, const struct flags *o, uint32_t classes, 
 
 int main(int argc, char **argv)
 {
-    struct flags flags;
+    struct flags flags = { 0 };
     struct command command = {
         .name = "changes",
         .synopsis = "[flags]",

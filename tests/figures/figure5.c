@@ -184,7 +184,7 @@ static void set_up(struct figure *f, const struct flags *o)
 
 int main(int argc, char **argv)
 {
-    struct flags flags;
+    struct flags flags = { 0 };
     struct command command = {
         .name = "figure5",
         .synopsis = "[flags]",

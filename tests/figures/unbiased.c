@@ -217,7 +217,7 @@ static double mean_light(struct study *s)
 
 int main(int argc, char **argv)
 {
-    struct flags flags;
+    struct flags flags = { 0 };
     struct command command = {
         .name = "unbiased",
         .synopsis = "[flags]",

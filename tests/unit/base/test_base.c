@@ -52,6 +52,24 @@ static void a_block_is_outgrown_when_the_last_eight_were_far_smaller(void **stat
     assert_false(recent_is_outgrown(&r, large));
 }
 
+/* Just below, at and above one large page. */
+static void large_blocks_are_zero_and_on_large_pages(void **state)
+{
+    const size_t page = (size_t)2 << 20, sizes[] = { 0, 100, page - 1, page, page + 1, 3 * page + 17 };
+    (void)state;
+
+    for (size_t k = 0; k < sizeof(sizes) / sizeof(sizes[0]); k++)
+        for (int again = 0; again < 2; again++) { /* then in memory that has been written */
+            uint8_t *p = mem_alloc_large(1, sizes[k]);
+            assert_non_null(p);
+            assert_int_equal((uintptr_t)p % (sizes[k] < page ? MEM_ALIGN : page), 0);
+            for (size_t i = 0; i < sizes[k]; i++)
+                assert_true(p[i] == 0);
+            memset(p, 0xa5, sizes[k]);
+            mem_free(p);
+        }
+}
+
 static void sizes_that_overflow_are_refused(void **state)
 {
     (void)state;
@@ -62,6 +80,9 @@ static void sizes_that_overflow_are_refused(void **state)
     assert_null(mem_alloc((size_t)1 << 32, (size_t)1 << 32));
     assert_null(mem_alloc(SIZE_MAX / 16, 16));
     assert_null(mem_alloc_raw(SIZE_MAX / 16, 16));
+    assert_null(mem_alloc_large(SIZE_MAX / 16, 16));
+    assert_null(mem_alloc_large(SIZE_MAX, 1));
+    assert_null(mem_alloc_large(SIZE_MAX - ((size_t)2 << 20) + 1, 1));
     void *p = mem_alloc(SIZE_MAX, 0); /* no bytes, whatever the count */
     assert_non_null(p);
     mem_free(p);
@@ -340,6 +361,7 @@ static void closing_wakes_who_waits(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(memory_is_aligned_and_zero),
+    cmocka_unit_test(large_blocks_are_zero_and_on_large_pages),
     cmocka_unit_test(sizes_that_overflow_are_refused),
     cmocka_unit_test(growing_keeps_what_was_there),
     cmocka_unit_test(reason_is_one_line_that_is_cut_when_too_long),

@@ -121,6 +121,26 @@ static void only_what_has_changed_is_computed(void **state)
     frames_finish(&f);
 }
 
+/* A patch that changes in two frames running is not kept: the same sky again computes it once more, and then not. */
+static void light_that_changes_in_every_frame_is_not_kept(void **state)
+{
+    struct frames f = frames_make();
+    uint32_t lit[5];
+    (void)state;
+
+    for (int k = 0; k < 3; k++)
+        shade_both(&f, NULL);
+    const uint32_t narrow = f.stats.lit;
+    for (int k = 0; k < 5; k++) {
+        if (k < 2)
+            dim(&f, 50, 2, 0.9f);
+        shade_both(&f, NULL);
+        lit[k] = f.stats.lit;
+    }
+    assert_true(lit[0] > narrow && lit[1] == lit[0] && lit[2] == lit[0] && lit[3] == narrow && lit[4] == narrow);
+    frames_finish(&f);
+}
+
 static unsigned work_of_next_frame(struct transport *t)
 {
     assert_true(transport_last_begin(t, NULL));
@@ -159,6 +179,7 @@ static void a_change_of_any_sample_of_the_sun_is_seen(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_change_of_any_sample_of_the_sun_is_seen),
+    cmocka_unit_test(light_that_changes_in_every_frame_is_not_kept),
     cmocka_unit_test(only_what_has_changed_is_computed),
 };
 UNIT_MAIN(tests)
