@@ -3,11 +3,12 @@
 
 usage: ranks.py BIN [--size WxH] [--frames N] [--rounds N] [--cache-dir DIR] [--only PART,...]
 
-BIN is the folder of the programs. PARTS: speed, memory, bits, many (64 ranks by the model), kills, links; all by default, some twenty
+BIN is the folder of the programs. PARTS: speed, memory, bits, many (64 ranks by the model), kills, links; all by default, some 25
 minutes on two processors. Times are by the clock, so nothing else may run; runs alternate, and medians of rounds count. many and
 links need root: network namespaces (links.py). links can run in pieces, by --rates, --delays and --ranks, with --results."""
 
 import argparse
+import ctypes
 import json
 import os
 import re
@@ -207,9 +208,18 @@ def predict(c, ranks, rate_mbit, delay_ms, processors, highest=None):
                      ((1 - own) * c["up"] / rate, "rank 0's link"), (0.9 * took, "delay"))[1]
 
 
+def adopt(whether):
+    """Whether this process becomes the parent of what mpirun leaves behind: the daemons of other hosts, whose ranks' time busy_s counts."""
+    ctypes.CDLL(None).prctl(36, int(whether), 0, 0, 0)  # PR_SET_CHILD_SUBREAPER
+
+
 def busy_s():
-    """Processor time of this process, which carries packets, and of its children that have ended."""
-    return sum(usage.ru_utime + usage.ru_stime for usage in map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)))
+    """Processor time of this process, which carries packets, and of its children, once all have ended."""
+    try:
+        while True:
+            os.waitpid(-1, 0)
+    except ChildProcessError:
+        return sum(usage.ru_utime + usage.ru_stime for usage in map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)))
 
 
 def sample(jobs, size, half=False):
@@ -220,11 +230,13 @@ def sample(jobs, size, half=False):
     entries = json.loads(stats.read_text())
     median = lambda *names: 1e-3 * statistics.median(sum(entry["ms"][name] for name in names) for entry in entries[6:])
     spent = []
+    adopt(True)
     with net.Links(2, 100000, 0.0) as joined:
         for frames in (SETTLED, SETTLED + 40):
             start = busy_s()
             times = jobs.render(joined.command([]), frames, "--method", "cached", "--threads", "1", "--split-frames", size=size)
             spent.append(busy_s() - start)
+    adopt(False)
     down, back = map(float, SUMMARY.search(jobs.log).groups())
     return {"light_s": median("shade"), "ahead_s": median("decode", "rebuild"), "after_s": median("resolve", "write"), "down": down * 1e3,
             "up": entries[0]["gbuffer"]["shade_points"] * 3 * (2 if half else 4) * 1.03,  # packets are not quite full; headers
@@ -316,7 +328,7 @@ def main():
     parser.add_argument("--delays", default="0.1,1,5", help="ms, one way")
     parser.add_argument("--ranks", default="2,3,4")
     parser.add_argument("--rates", default="100,1000", help="Mbit/s")
-    parser.add_argument("--results", metavar="FILE", help="add the rounds of links to those of FILE, and print the table of all; --rounds 0: only that")
+    parser.add_argument("--results", metavar="FILE", help="add the rounds of links to those of FILE, of the same programs and machine, and print the table of all")
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--only", default="speed,memory,bits,kills,many,links")
     options = parser.parse_args()
