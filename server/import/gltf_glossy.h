@@ -1,4 +1,3 @@
-/* server/import/gltf_glossy.h */
 /* KHR_materials_pbrSpecularGlossiness as `ggx`. Private to this room. Thread: one at a time. */
 #ifndef IMPORT_GLTF_GLOSSY_H
 #define IMPORT_GLTF_GLOSSY_H

@@ -1,4 +1,3 @@
-/* tests/unit/import/gltf_square.h */
 /* A square in a glTF file, with a material of textures. */
 #ifndef TESTS_IMPORT_GLTF_SQUARE_H
 #define TESTS_IMPORT_GLTF_SQUARE_H
