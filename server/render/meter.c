@@ -11,6 +11,7 @@
 #include "env/irradiance.h"
 
 #include <math.h>
+#include <string.h>
 
 #define SIDE 160 /* pixels of the longer side, at most */
 #define SAMPLES 8
@@ -99,7 +100,10 @@ static enum err meter_first(struct render *r, struct reason *why)
         do
             e = load_next(r, source, &cause);
         while (e && e != ERR_END && e != ERR_NOMEM && !desc.frames.given);
-        if (e == ERR_END)
+        /* The fault of a single file says it all. */
+        if (e == ERR_END && strncmp(cause.text, desc.spec, strlen(desc.spec)) == 0)
+            e = err_say(why, ERR_IO, "%s", cause.text);
+        else if (e == ERR_END)
             e = err_say(why, ERR_IO, "%s: no frame to take the exposure from%s%s", desc.spec, cause.text[0] ? ": " : "",
                         cause.text);
         else if (e)

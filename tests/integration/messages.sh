@@ -82,6 +82,9 @@ files_that_are_no_sky_say_what_they_are() {
     printf '\x80\x80\x80\x81%.0s' 1 2 3 4 5 6 >>"$work/odd.hdr"
     expect 0 'odd.hdr: 3x2 is not 2:1, the aspect ratio of a lat-long image: it is stretched' "${render[@]}" --source "$work/odd.hdr" --layout latlong
     expect 1 '3x2' "${render[@]}" --source "$work/odd.hdr"
+    expect 1 'error: [^ ]*/odd.hdr: 3x2 is not 2:1, so the layout is ambiguous' "$bin/relight-render" "${small[@]}" --out "$work/x.png" \
+        --source "$work/odd.hdr"
+    if grep -q 'odd.hdr.*odd.hdr' "$work/stderr"; then fail "the file is named twice"; fi
 }
 
 sizes_and_counts_that_cannot_be_say_what_to_change() {
