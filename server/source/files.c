@@ -274,7 +274,9 @@ static enum err from_existing(const char *spec, const struct stat *st, struct fi
         return files_add(out, NULL, spec, 0);
     const enum err e = files_from_folder(spec, out, why);
     if (!e && out->count == 0)
-        return err_say(why, ERR_IO, "%s: the folder contains no .exr or .hdr file", spec);
+        return err_say(why, ERR_IO,
+                       "%s: the folder contains no .exr or .hdr file; for others give a pattern such as '%s/*.png'",
+                       spec, spec);
     return e;
 }
 

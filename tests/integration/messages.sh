@@ -73,6 +73,9 @@ files_that_are_no_sky_say_what_they_are() {
     done
     printf 'II*\0\0\0' >"$work/b.jpg"
     expect 1 'b.jpg: is a TIFF file; expected OpenEXR, Radiance .hdr' "${render[@]}" --source "$work/b.jpg"
+    mkdir "$work/pictures"
+    touch "$work/pictures/a.png"
+    expect 1 "no .exr or .hdr file; for others give a pattern such as '$work/pictures/\*.png'" "${render[@]}" --source "$work/pictures"
     printf '#EXTM3U\nfile:///etc/passwd\n' >"$work/live.m3u8"
     expect 1 'live.m3u8: is an HLS playlist file; expected OpenEXR' "${render[@]}" --source "$work/live.m3u8"
     printf '\xff\xd8\xff\xe0\0\x10JFIF\0\1\1\0\0\1\0\1\0\0\xff\xdb' >"$work/picture.mp4"
