@@ -13,10 +13,12 @@ struct speed_sky { /* times in milliseconds */
     double bare_all, bare_direct;   /* 64 bare shadow rays at each shade point over that */
     double all_over_direct;         /* the median of the rounds' own ratios */
     double jpeg_all, jpeg_direct;   /* processor time, EXR to JPEG */
-    double exr_all, exr_direct;     /* EXR to float EXR, one thread */
+    double exr_direct;              /* EXR to float EXR, one thread */
     double error_direct, error_all; /* relMSE; below 0: not judged */
     double mis_direct, mis_all;     /* likewise, of `mis` with SPEED_MIS_SAMPLES */
     bool bright;                    /* has a bright part */
+    bool judged;                    /* the next are measured */
+    struct bench_row bias, colour, seams, motion; /* of direct light without the bright part */
 };
 
 #define SPEED_MIS_SAMPLES 256
@@ -32,8 +34,8 @@ struct speed_case {
     size_t count;
 };
 
-/* Measures desc's scene at its size by its level, under each of desc->sources. judge: errors and growth too. out: scene
- * filled. Errors as bench_run's. */
+/* Measures desc's scene at its size by its level, under each of desc->sources. judge: errors, biases and growth too.
+ * out: scene filled. Errors as bench_run's. */
 MUST_CHECK enum err speed_measure(const struct bench_desc *desc, bool judge, struct speed_case *out,
                                   struct reason *why);
 
