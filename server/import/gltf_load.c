@@ -35,7 +35,7 @@ static enum err take(struct gltf *g)
     if (g->dropped > 0)
         gltf_warn(g, NULL, "dropped %" PRIu64 " degenerate or non-finite triangles", g->dropped);
     if (g->scene->mesh_count == meshes_before)
-        return gltf_fault(g, NULL, ERR_FORMAT, "the model contains no triangles");
+        return gltf_fault(g, NULL, ERR_FORMAT, "the model contains no triangles; points and lines are not rendered");
     return ERR_OK;
 }
 

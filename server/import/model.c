@@ -289,7 +289,8 @@ static enum err take(struct import *in)
     if (in->dropped > 0)
         log_warning("%s: dropped %zu degenerate or non-finite triangles", in->desc->path, in->dropped);
     if (in->scene->mesh_count == meshes_before)
-        return fault(in->desc, in->why, ERR_FORMAT, "the model contains no triangles");
+        return fault(in->desc, in->why, ERR_FORMAT,
+                     "the model contains no triangles; points and lines are not rendered");
     return ERR_OK;
 }
 
@@ -366,7 +367,7 @@ static enum err check_node(const struct aiScene *ai, const struct aiNode *node, 
 static enum err check_scene(const struct aiScene *ai, const struct model_desc *d, struct reason *why)
 {
     if (!ai->mRootNode)
-        return fault(d, why, ERR_FORMAT, "the model contains no triangles");
+        return fault(d, why, ERR_FORMAT, "the model contains no triangles; points and lines are not rendered");
     enum err e = check_node(ai, ai->mRootNode, d, 0, why);
     for (unsigned i = 0; i < ai->mNumMeshes && !e; i++)
         e = check_mesh(ai, ai->mMeshes[i], d, why);
