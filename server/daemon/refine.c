@@ -45,8 +45,9 @@ bool refine_is_due(struct shade_thread *t)
 
     if (!r->open || atomic_load(&t->shared->reading) || lamps_come_first(t))
         return false;
+    const bool again = r->shown.header.flags & PROTOCOL_PICTURE_FINER; /* it has been quiet before */
     const double quiet_s = fmin(fmax(2.0 * r->shown.interval_s, QUIET_LEAST_S), QUIET_MOST_S);
-    if (clock_seconds() - r->shown.shown_s < quiet_s)
+    if (!again && clock_seconds() - r->shown.shown_s < quiet_s)
         return false;
     shared_demand(t->shared, &demand);
     return demand.viewers > 0;

@@ -117,11 +117,12 @@ static void publish(struct shade_thread *t, int slot, const struct ingested *in,
     struct shaded *out = &shared->pictures.slot[slot];
     const struct relight_desc *light = &l->decision.light;
     const bool measured = l->decision.by == DECIDED_BY_MEASURES;
-    const struct protocol_picture header =
+    struct protocol_picture header =
         make_header(&shared->config, in, queued_ms, &l->stats, measured ? l->pilot.samples : light->direct.samples);
 
+    header.flags |= l->again ? PROTOCOL_PICTURE_FINER : 0;
     out->header = header;
-    out->ticket = in->ticket;
+    out->ticket = l->again ? (struct server_ticket){ .id = 0 } : in->ticket;
     out->new_view = new_view;
     probe_report_picture(t, out);
     picture_slots_publish(&shared->pictures, slot, shared->server); /* from here on the slot is the encode thread's */
@@ -134,16 +135,19 @@ static void publish(struct shade_thread *t, int slot, const struct ingested *in,
     if (!in->ticket.lockstep)
         settings_set_proven(&shared->settings, l->settings.light_version);
     decider_learn(&t->decider, t->relighter, &l->request, &l->decision, &l->stats, &l->pilot);
-    refine_open(t, &(struct shown_picture){ in, out, *light, header, now_s, now_s - t->shaded_s });
+    const double since_s = t->shaded_s > 0.0 ? now_s - t->shaded_s : 0.0;
+    refine_open(t, &(struct shown_picture){ in, out, *light, header, now_s, since_s });
     t->shaded_s = now_s;
 }
 
-static enum err shade_frame(struct shade_thread *t, const struct ingested *in, bool new_view, struct reason *why)
+/* again: an image of this frame was shown before, and its producer was told. */
+static enum err shade_frame(struct shade_thread *t, const struct ingested *in, bool new_view, bool again,
+                            struct reason *why)
 {
     struct shared *shared = t->shared;
     const int slot = handoff_begin(&shared->pictures.handoff);
-    const double queued_ms = (double)(clock_ms() - in->ready_ms);
-    struct lighting l = { 0 };
+    const double queued_ms = again ? 0.0 : (double)(clock_ms() - in->ready_ms);
+    struct lighting l = { .again = again };
 
     t->last = NULL; /* this may be its slot, and its frame is gone */
     picture_begin(t, in->ticket.lockstep);
@@ -195,7 +199,7 @@ static enum err apply_controls(struct shade_thread *t, struct reason *why)
         status_set_cameras(&shared->status, &shared->settings, t->set->camera);
     if (camera_follow_settings(t) && t->held != HANDOFF_NONE) {
         const struct ingested *in = &shared->frames.slot[t->held];
-        const enum err e = in->ticket.lockstep ? ERR_OK : shade_frame(t, in, true, why);
+        const enum err e = in->ticket.lockstep ? ERR_OK : shade_frame(t, in, true, false, why);
         if (e)
             return e;
     }
@@ -245,7 +249,7 @@ static enum err shade_next(struct shade_thread *t, double due_s, double now_s, s
         return ERR_OK;
     /* Keep to the grid of the requested rate, unless it was missed by more than one picture. */
     t->begun_s = now_s - due_s < interval_s(t) ? due_s : now_s;
-    return shade_frame(t, &frames->slot[t->held], t->cut_new_view, why);
+    return shade_frame(t, &frames->slot[t->held], t->cut_new_view, false, why);
 }
 
 /* Lights the frame of a cancelled picture again, unless ingest has published it again or a newer one meanwhile. */
@@ -253,7 +257,17 @@ static enum err shade_again(struct shade_thread *t, double now_s, struct reason 
 {
     if (!(t->cut_s > 0.0) || now_s - t->cut_s < AGAIN_S)
         return ERR_OK;
-    return shade_frame(t, &t->shared->frames.slot[t->held], t->cut_new_view, why);
+    return shade_frame(t, &t->shared->frames.slot[t->held], t->cut_new_view, false, why);
+}
+
+/* The frame stands still. While auto's cache is being computed, lighting it again gives the images that a moving sky
+ * would have, which improve faster than by passes. */
+static enum err improve(struct shade_thread *t, double now_s, struct reason *why)
+{
+    if (!t->decider.cache.begun || t->decider.cache.share >= 1.0)
+        return refine_pass(t, why);
+    t->begun_s = now_s;
+    return shade_frame(t, &t->shared->frames.slot[t->held], false, true, why);
 }
 
 enum err shade_thread_turn(struct shade_thread *t, struct reason *why)
@@ -276,7 +290,7 @@ enum err shade_thread_turn(struct shade_thread *t, struct reason *why)
         return shade_next(t, due_s, now_s, why);
     if (t->cut_s > 0.0)
         return shade_again(t, now_s, why);
-    return refine && !is_stopping(t) ? refine_pass(t, why) : ERR_OK;
+    return refine && !is_stopping(t) ? improve(t, now_s, why) : ERR_OK;
 }
 
 enum err shade_thread_run(struct shade_thread *t, struct reason *why)

@@ -75,6 +75,7 @@ struct lighting {
     struct decision decision;
     struct relight_stats stats;
     struct pilot_stats pilot; /* zeroed unless the decision was measured */
+    bool again;               /* another image of a frame that stands still */
 };
 
 struct shade_thread {

@@ -309,7 +309,8 @@ void status_picture_shaded(struct status_board *b, const struct picture_report *
 
     pthread_mutex_lock(&b->lock);
     struct server_figures *s = &b->figures;
-    s->used++;
+    const bool again = p->flags & PROTOCOL_PICTURE_FINER; /* of a frame that was counted before */
+    s->used += !again;
     s->frame = p->frame;
     s->position = report->in->position;
     /* The method that auto chose, where it is a single one. */
@@ -318,8 +319,10 @@ void status_picture_shaded(struct status_board *b, const struct picture_report *
                         ? "auto"
                         : method_name(method_by_rule(report->light->direct.method)));
     s->samples = p->samples;
-    s->queued_ms = smooth(s->queued_ms, 1e-3 * p->queued_us);
-    s->decoded_ms = smooth(s->decoded_ms, 1e-3 * p->decoded_us);
+    if (!again) {
+        s->queued_ms = smooth(s->queued_ms, 1e-3 * p->queued_us);
+        s->decoded_ms = smooth(s->decoded_ms, 1e-3 * p->decoded_us);
+    }
     s->shaded_ms = smooth(s->shaded_ms, 1e-3 * p->shaded_us);
     if (report->interval_s > 0.0)
         s->fps = 1.0 / smooth(s->fps > 0.0 ? 1.0 / s->fps : 0.0, report->interval_s);

@@ -3,6 +3,7 @@
 
 #include "base/clock.h"
 #include "daemon/shade_parts.h"
+#include "history/history.h"
 
 #include <jansson.h>
 #include <math.h>
@@ -154,6 +155,30 @@ static void a_still_image_refines_and_stops(void **state)
     assert_int_equal(fake_figures().all_passes, 6);
     assert_null(rig_picture(&r, 20)); /* it stops: some 30 ms a turn, longer than the quiet time */
     assert_int_equal(fake_figures().all_passes, 6);
+    rig_end(&r);
+}
+
+/* While the cache is being computed, which begins with the first image. */
+static void a_still_image_is_lit_again_until_the_cache_is_complete(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--cache-dir", "off", "--converge", "1e-9", NULL };
+    static float rgb[3 * WIDTH * HEIGHT];
+    struct rig r;
+
+    rig_begin(&r, flags);
+    rig_load(&r);
+    light(&r, 1, false, rgb);
+    for (int k = 0; k < HISTORY_GLIDE; k++) { /* the second image, and those that glide to it */
+        assert_true(r.shade->decider.cache.begun && r.shade->decider.cache.share < 1.0);
+        struct shaded *p = rig_picture(&r, TURNS);
+        assert_non_null(p);
+        assert_true(p->header.flags & PROTOCOL_PICTURE_FINER);
+        assert_int_equal(p->header.frame, 1);
+        rig_release(&r, p);
+    }
+    assert_int_equal(fake_figures().all_passes, 0);
+    assert_int_equal(fake_figures().used, 1);
     rig_end(&r);
 }
 
@@ -365,6 +390,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(lockstep_renders_with_the_initial_settings),
     cmocka_unit_test(another_camera_lights_the_standing_frame_anew),
     cmocka_unit_test(a_still_image_refines_and_stops),
+    cmocka_unit_test(a_still_image_is_lit_again_until_the_cache_is_complete),
     cmocka_unit_test(nobody_watching_is_no_reason_to_refine),
     cmocka_unit_test(lamps_are_scaled_without_lighting_the_frame_again),
     cmocka_unit_test(refinement_leaves_the_lamps_as_they_are),

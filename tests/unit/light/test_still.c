@@ -299,7 +299,32 @@ static void it_is_good_enough_by_error_or_by_passes(void **state)
     stage_finish(s);
 }
 
+/* The first live images are denoised and have a history, and a few are audited: none of that is for passes. */
+static void passes_are_those_of_an_image_without_a_filter(void **state)
+{
+    struct stage *s = stage_make();
+    struct relight_desc light = { .direct = { .method = METHOD_AUTO, .samples = 16 }, .classes = PATH_ALL };
+    const struct still_wish wish = { .error = 1e-9, .passes = 100 };
+    struct still_stats stats;
+    (void)state;
+
+    light.eye_paths = 1;
+    make(s, &light, s->first);
+    for (int k = 0; k < 2; k++) {
+        light.denoise = light.remember = k == 1;
+        light.glide = k == 1 ? GLIDE_BEGIN : GLIDE_NONE;
+        still_begin(s->still, s->first);
+        for (int i = 0; i < 3; i++)
+            assert_int_equal(still_pass(s->still, s->sky, &light), ERR_OK);
+        still_look(s->still, &wish, &stats);
+        still_picture(s->still, k ? s->got : s->want);
+    }
+    assert_memory_equal(s->got, s->want, (size_t)s->values * sizeof(float));
+    stage_finish(s);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(passes_are_those_of_an_image_without_a_filter),
     cmocka_unit_test(the_mean_of_passes_is_the_reference),
     cmocka_unit_test(a_cached_picture_goes_over_to_the_unbiased_one),
     cmocka_unit_test(a_noisy_picture_becomes_a_clean_one),
