@@ -124,4 +124,29 @@ all_paths_through_mirror_and_glass_agree_with_cycles_made_now() {
     fi
 }
 
+# What it prints, not speeds; and that the references, of few samples here, are of one scene.
+single_images_by_both_are_timed_at_equal_error() {
+    local code=0
+    PATH=/nowhere /usr/bin/python3 "$references/frame.py" >"$work/none" || code=$?
+    [ "$code" = 77 ] || fail "code $code without Blender"
+    command -v blender >/dev/null || exit 77
+    sky 60 30 >"$work/sky.hdr"
+    RELIGHT_CACHE="$work/cache" "$references/frame.py" --size 32x18 --reference 32 --counts 2,8 --sky "$work/sky.hdr" \
+        "blocks=$references/blocks.json" >"$work/table"
+    python3 - "$work/table" <<'PY' || { cat "$work/table"; fail "another table"; }
+import re
+import sys
+
+parts = re.split(r"^blocks, ", open(sys.argv[1]).read(), flags=re.M)[1:]
+assert [part.split()[0] for part in parts] == ["direct", "all"], parts
+for part in parts:
+    assert abs(float(re.search(r"differ by ([-+.\d]+)% in the mean", part)[1])) < 10, part
+    few, many = (float(e) for e in re.findall(r"Cycles, \d+ samples: .* error ([-+.e\d]+)", part))
+    assert 0 < many < few, part
+    ours = re.findall(r"ours, --.*: .* error ([-+.e\d]+); .* ([.\d]+) times ours, ([.\d]+) without", part)
+    assert len(ours) == 3 and all(float(x) > 0 for row in ours for x in row[:2]), part
+    assert float(ours[1][0]) < float(ours[0][0]), part
+PY
+}
+
 "$1"

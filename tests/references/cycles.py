@@ -1,7 +1,7 @@
 """A scene file of ours as Blender's Cycles sees it: a picture that shares nothing with the project but its input.
 
     blender -b -P cycles.py -- SCENE ENVIRONMENT OUT.exr WIDTH HEIGHT SPP [--direct] [--camera NAME]
-        [--as-imported] [--smooth-sky]
+        [--as-imported] [--smooth-sky] [--seed K]
 
 SCENE is a JSON scene, or a glTF file, of which the first camera counts or the one of that name. Of JSON materials
 lambert, mirror and smooth glass have exact counterparts; others, and other layouts than lat-long, are refused. glTF
@@ -39,6 +39,7 @@ def read_arguments():
     parser.add_argument("--camera")
     parser.add_argument("--as-imported", action="store_true")
     parser.add_argument("--smooth-sky", action="store_true")
+    parser.add_argument("--seed", type=int, default=0)
     return parser.parse_args(sys.argv[sys.argv.index("--") + 1:])
 
 
@@ -240,10 +241,10 @@ def light_by(scene, path, smooth):
     scene.world.cycles.sample_map_resolution = min(max(width, 1024), 8192)
 
 
-def choose_paths(scene, spp, direct):
+def choose_paths(scene, spp, direct, seed):
     scene.render.engine = "CYCLES"
     cycles = scene.cycles
-    cycles.device, cycles.samples, cycles.seed = "CPU", spp, 0
+    cycles.device, cycles.samples, cycles.seed = "CPU", spp, seed
     cycles.use_denoising = cycles.use_adaptive_sampling = False
     cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0
     cycles.max_bounces = cycles.glossy_bounces = cycles.transmission_bounces = BOUNCES
@@ -273,7 +274,7 @@ def main():
             desc = json.load(file)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
-    choose_paths(scene, arguments.spp, arguments.direct)
+    choose_paths(scene, arguments.spp, arguments.direct, arguments.seed)
     materials = {name: make_material(name, spec) for name, spec in desc.get("materials", {}).items()}
     for model in desc["models"]:
         load_model(os.path.dirname(arguments.scene), model, materials, arguments.as_imported)
