@@ -143,7 +143,7 @@ for part in parts:
     assert abs(float(re.search(r"differ by ([-+.\d]+)% in the mean", part)[1])) < 10, part
     few, many = (float(e) for e in re.findall(r"Cycles, \d+ samples: .* error ([-+.e\d]+)", part))
     assert 0 < many < few, part
-    ours = re.findall(r"ours, --.*: .* error ([-+.e\d]+); .* ([.\d]+) times ours, ([.\d]+) without", part)
+    ours = re.findall(r"ours, --.*: .* error ([-+.e\d]+); .* ([.\d]+) times ours, ([-.\d]+) without", part)
     assert len(ours) == 3 and all(float(x) > 0 for row in ours for x in row[:2]), part
     assert float(ours[1][0]) < float(ours[0][0]), part
 PY

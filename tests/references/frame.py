@@ -95,7 +95,7 @@ def compare(name, case, counts, reference):
         seconds, picture = case.cycles(n)
         points.append((n, case.error(picture) / (1 + n / reference)))  # 1/n + 1/reference without the latter
         print(f"  Cycles, {n} samples: {seconds:.2f} s, set-up {start:.2f} s, error {points[-1][1]:.2e}", flush=True)
-    each = (seconds - start) / (counts[-1] - 1)
+    each = max(seconds - start, 0) / (counts[-1] - 1)  # of a tiny image nothing can be told
     set_up = statistics.median(case.ours("--samples 1", seed)[0] for seed in SEEDS)
     for flags in OURS:
         made = []
