@@ -11,7 +11,7 @@
 #define TILE_SMALL 8u
 #define TILES_A_GROUP 10u /* at least: with fewer, one group shows what another does not */
 #define GOLDEN 0.6180339887498949
-#define SPREAD 4u /* pixels to either side */
+#define SPREAD 5u /* pixels to either side */
 
 static uint32_t tile_of(const struct gbuffer *g, const struct tiles *t, size_t pixel)
 {
@@ -119,15 +119,18 @@ void yardstick_init(struct yardstick *y, const float *rgb, const uint8_t *mask, 
     *y = (struct yardstick){ .rgb = rgb, .mask = mask, .width = width, .height = height, .soft = 1e-2 * mean * mean };
 }
 
-/* Means of 3 values along rows, or along columns of row means: `count` positions `step` values apart. */
+/* Means of 3 values along rows, or along columns of row means: `count` positions `step` values apart, each without its
+ * own and the two beside it. */
 static void spread_line(const float *from, size_t step, uint32_t count, float *to)
 {
     for (uint32_t i = 0; i < count; i++) {
-        const uint32_t first = i > SPREAD ? i - SPREAD : 0, last = i + SPREAD < count ? i + SPREAD : count - 1;
-        float sum = 0.0f;
-        for (uint32_t k = first; k <= last; k++)
-            sum += from[k * step];
-        to[i * step] = sum / (float)(last - first + 1);
+        float sum = 0.0f, many = 0.0f;
+        for (uint32_t k = i > SPREAD ? i - SPREAD : 0; k <= i + SPREAD && k < count; k++)
+            if (k + 1 < i || k > i + 1) {
+                sum += from[k * step];
+                many += 1.0f;
+            }
+        to[i * step] = sum / fmaxf(many, 1.0f);
     }
 }
 

@@ -56,8 +56,10 @@ struct yardstick {
 /* From a picture float[height][width][3] and its mask, both borrowed. */
 void yardstick_init(struct yardstick *y, const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height);
 
-/* Writes the mean of two sparse pictures over 9 x 9 pixels to out, minus the pixel's own mean if the picture contains
- * it already. All are float[height][width][3], including spare, which is scratch memory. */
+/* Writes the mean of two sparse pictures around each pixel to out, minus the pixel's own mean if the picture contains
+ * it already. The mean is over 11 x 11 pixels without the three columns and rows at the pixel, so that the 3 x 3 means
+ * of a noisy picture do not contain it either: a particle where few others are would be divided by itself and seem
+ * almost free of noise. All are float[height][width][3], including spare, which is scratch memory. */
 void yardstick_spread(const float *a, const float *b, bool in_picture, uint32_t width, uint32_t height, float *spare,
                       float *out);
 

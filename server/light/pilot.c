@@ -245,7 +245,6 @@ enum err pilot_run(struct pilot *p, const struct environment *e, const struct re
                    const struct pilot_target *target, float *rgb, struct relight_stats *stats,
                    struct pilot_stats *measured)
 {
-    double expected_s[PILOT_PARTS] = { 0.0 };
     enum err result = ERR_OK;
 
     *measured = (struct pilot_stats){ 0 };
@@ -261,7 +260,7 @@ enum err pilot_run(struct pilot *p, const struct environment *e, const struct re
     pilot_choose(p, target);
     for (int part = 0; part < PILOT_PARTS; part++)
         if (p->choice.way[part] != WAY_NONE)
-            expected_s[part] = model_seconds(&p->model[p->choice.way[part]], p->choice.n[part]);
+            measured->part[part].expected_seconds = model_seconds(&p->model[p->choice.way[part]], p->choice.n[part]);
     result = make_picture(p, light->direct.pass, rgb, stats);
     if (result || is_cancelled(p->light->direct.cancel))
         return result;
@@ -270,9 +269,6 @@ enum err pilot_run(struct pilot *p, const struct environment *e, const struct re
     p->frames++;
     p->runs++;
     p->frame_s += (p->frame_s > 0.0 ? SMOOTH : 1.0) * (p->picture_s - p->frame_s);
-    pilot_report(p, stats, measured);
-    relighter_state_error(p->relighter, e, light, true, rgb, stats);
-    for (int part = 0; part < PILOT_PARTS; part++)
-        measured->part[part].expected_seconds = expected_s[part];
+    pilot_report(p, target, rgb, stats, measured);
     return result;
 }

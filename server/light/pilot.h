@@ -57,7 +57,7 @@ struct pilot_stats {
     double seconds;       /* of the picture and the pilot */
     double pilot_seconds; /* of these, the pilot's */
     double error;         /* relMSE, estimated: sum over the parts */
-    bool met;             /* the target is met, according to the estimates */
+    bool met;             /* time suffices, and neither `error` nor the audit's estimate is above the target's */
     uint32_t readings;    /* of the least measured part, under this sky */
     double more;          /* expected relMSE in twice the time */
     uint64_t frames;      /* since the sky last changed much, including this one */

@@ -6,11 +6,10 @@
 #define PATHS_MOST 1024.0
 #define UNITS_MOST 1e6 /* 2 * 10^9 particles */
 #define FIRST_SAMPLES 4.0
-#define WORTH 0.92      /* another way must promise this share of the variance or less */
-#define GAIN_LEAST 1.05 /* counts that would gain less than this are kept, */
-#define OVERTIME 1.05   /* unless they take longer than this */
-#define OVER_ERROR 1.05 /* or leave more error than this */
-#define TIME_LEAST 0.2  /* of the target always goes to the picture */
+#define WORTH 0.92     /* another way must promise this share of the variance or less */
+#define KEPT 1.05      /* counts are kept unless others gain more than this, or they exceed the target by it */
+#define AIM 0.9        /* of the target error, since estimates of it scatter */
+#define TIME_LEAST 0.2 /* of the target always goes to the picture */
 
 const uint32_t pilot_routes[ROUTES + 1][3] = {
     { WAY_EYE_ALL, WAY_NONE, WAY_NONE },
@@ -220,8 +219,8 @@ static void hold_counts(const struct pilot *p, const struct budget_target *targe
         error += model_error(&p->model[way], p->choice.n[part]) - model_error(&p->model[way], t->choice.n[part]);
     }
     const bool of_error = target->error > 0.0 && t->budget.met;
-    if (of_error ? error > OVER_ERROR * target->error || seconds > GAIN_LEAST * t->budget.seconds
-                 : seconds > OVERTIME * target->seconds || error > GAIN_LEAST * t->budget.error)
+    if (of_error ? error > KEPT * target->error || seconds > KEPT * t->budget.seconds
+                 : seconds > KEPT * target->seconds || error > KEPT * t->budget.error)
         return;
     for (int part = 0; part < PILOT_PARTS; part++)
         t->choice.n[part] = p->choice.n[part];
@@ -229,7 +228,7 @@ static void hold_counts(const struct pilot *p, const struct budget_target *targe
 
 void pilot_choose(struct pilot *p, const struct pilot_target *target)
 {
-    struct budget_target left = { target->seconds, target->error };
+    struct budget_target left = { target->seconds, AIM * target->error };
 
     if (!p->begun || !(p->environment->total_energy > 0.0)) {
         p->choice = (struct choice){ ROUTES,

@@ -137,7 +137,8 @@ double pilot_missing(const struct pilot *p, enum pilot_part part);
 
 /* ---- pilot_report.c ---- */
 
-/* Fills the statistics of the frame. */
-void pilot_report(struct pilot *p, struct relight_stats *stats, struct pilot_stats *out);
+/* Audits the frame and fills its statistics. */
+void pilot_report(struct pilot *p, const struct pilot_target *target, const float *rgb, struct relight_stats *stats,
+                  struct pilot_stats *out);
 
 #endif

@@ -41,15 +41,10 @@ static double equal_count(const struct pilot *p, uint32_t way)
     return fmin(4.0 * n, fmax(1.0, (model_seconds(&p->model[used], n) - m->begin_s) / m->unit_s));
 }
 
-static uint32_t wanted(uint32_t way)
-{
-    return way < WAY_EYE_ALL ? READINGS_WANTED : OTHER_WANTED;
-}
-
 static bool all_have(const struct pilot *p, uint32_t more)
 {
     for (uint32_t way = 0; way < WAYS; way++)
-        if (p->offered[way] && p->model[way].fresh < wanted(way) + more)
+        if (p->offered[way] && p->model[way].fresh < (way < WAY_EYE_ALL ? READINGS_WANTED : OTHER_WANTED) + more)
             return false;
     return true;
 }
@@ -184,7 +179,7 @@ void pilot_read_light(struct pilot *p, uint32_t way, double n, float *const half
     const struct gbuffer *g = p->set->gbuffer;
     struct yardstick y = p->yardstick;
 
-    yardstick_spread(half[0], half[1], in_use(p, way), g->width, g->height, p->spread[0], p->spread[1]);
+    yardstick_spread(half[0], half[1], p->begun && in_use(p, way), g->width, g->height, p->spread[0], p->spread[1]);
     y.more = p->spread[1];
     const struct pair pair = pair_of_pictures(&p->groups.all, half[0], half[1], &y);
     /* the mean of the halves has half of either's variance */
@@ -196,11 +191,11 @@ static enum err probe_light(struct pilot *p, uint32_t way)
 {
     float *const *half = p->passes->half[pilot_part_of(way) - PILOT_AIMED];
     struct model *m = &p->model[way];
-    double n = LIGHT_LEAST, by_clock;
+    const double afforded = m->timed ? 0.5 * p->bank_s / m->unit_s : 0.0;
+    const double n = floor(fmin(LIGHT_MOST, fmax(LIGHT_LEAST, afforded)));
     struct light_tracer_stats stats;
+    double by_clock;
 
-    if (m->timed)
-        n = floor(fmin(LIGHT_MOST, fmax(LIGHT_LEAST, 0.5 * p->bank_s / m->unit_s)));
     const struct light_tracer_desc desc = pilot_light(p, way, n, pilot_pass(p));
     const enum err e = passes_halves(p->passes, p->environment, &desc, half, &stats, &by_clock);
     if (e)
@@ -229,7 +224,7 @@ static enum err probe_next(struct pilot *p)
     p->next_way = (p->next_way + 1) % WAYS;
     if (p->next_way == 0)
         p->next_group = (p->next_group + 1) % p->groups.count;
-    if (!p->offered[way] || (way >= WAY_AIMED && in_use(p, way)) || (way < WAY_AIMED && g->list.count == 0))
+    if (!p->offered[way] || (way >= WAY_AIMED && p->begun && in_use(p, way)) || (way < WAY_AIMED && g->list.count == 0))
         return ERR_OK;
     return way < WAY_AIMED ? probe_points(p, way, fmax(2.0, equal_count(p, way)), g) : probe_light(p, way);
 }

@@ -108,7 +108,8 @@ static void report_part(const struct pilot *p, enum pilot_part part, struct pilo
     out->error = model_error(&p->model[way], p->choice.n[part]);
 }
 
-void pilot_report(struct pilot *p, struct relight_stats *stats, struct pilot_stats *out)
+void pilot_report(struct pilot *p, const struct pilot_target *target, const float *rgb, struct relight_stats *stats,
+                  struct pilot_stats *out)
 {
     report_plan(p, stats);
     out->readings = UINT32_MAX;
@@ -121,7 +122,11 @@ void pilot_report(struct pilot *p, struct relight_stats *stats, struct pilot_sta
     out->pilot_seconds = p->pilot_s;
     out->seconds = p->picture_s + p->pilot_s;
     out->error = pilot_error(p);
-    out->met = p->budget.met;
     out->more = p->more;
     out->frames = p->frames;
+    relighter_state_error(p->relighter, p->environment, p->light, true, rgb, stats);
+    /* The choice promised the error before the picture was measured and audited. */
+    out->met = p->budget.met || !(target->seconds > 0.0);
+    if (target->error > 0.0)
+        out->met &= fmax(out->error, stats->error) <= target->error;
 }

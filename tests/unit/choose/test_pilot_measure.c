@@ -74,6 +74,49 @@ static void pairs_tell_variance_and_energy(void **state)
     set_destroy(set);
 }
 
+/* Particles that bring light 1 on the mean to a picture of 0.3, each to a pixel with probability p and as 1 / p: their
+ * variance is 1 / p - 1. Also where hardly a pixel has any around, none is divided by itself, which would hide it. */
+static void few_particles_show_their_noise(void **state)
+{
+    enum { WIDE = 160, HIGH = 90, PIXELS = WIDE * HIGH };
+    static float half[2][3 * PIXELS], spare[3 * PIXELS], spread[3 * PIXELS], r[3 * PIXELS];
+    static const struct {
+        float p;
+        bool in_picture, noisy;
+        double least, most; /* of the measured over the true variance; beyond a few particles it is nothing but true */
+    } cases[] = {
+        { 0.5f, false, false, 0.9, 1.1 },  { 0.5f, true, true, 0.9, 1.1 },    { 1e-3f, false, false, 0.8, 20.0 },
+        { 1e-3f, false, true, 0.8, 20.0 }, { 1e-3f, true, false, 0.8, 20.0 }, { 1e-3f, true, true, 0.8, 20.0 },
+    };
+    static uint8_t mask[PIXELS];
+    struct set *set = set_of(&(struct set_desc){ .width = WIDE, .height = HIGH });
+    struct groups s;
+    (void)state;
+
+    assert_true(groups_init(&s, set->gbuffer));
+    memset(mask, 1, sizeof(mask));
+    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
+        const float p = cases[k].p;
+        struct rng rng = { 5 };
+        struct yardstick y;
+        for (size_t i = 0; i < 3 * (size_t)PIXELS; i++) {
+            for (int h = 0; h < 2; h++)
+                half[h][i] = i % 3 ? half[h][i - 1] : (rng_next(&rng) < (double)p ? 1.0f / p : 0.0f);
+            r[i] = 0.3f + (cases[k].in_picture ? 0.5f * (half[0][i] + half[1][i]) : 0.0f);
+        }
+        yardstick_init(&y, r, mask, WIDE, HIGH);
+        y.noisy = cases[k].noisy;
+        yardstick_spread(half[0], half[1], cases[k].in_picture, WIDE, HIGH, spare, spread);
+        y.more = spread;
+        const double truth = (1.0 / (double)p - 1.0) / (1.3 * 1.3 + y.soft);
+        const double ratio = pair_of_pictures(&s.all, half[0], half[1], &y).error / truth;
+        printf("particles in one pixel of %.0f: %.2f of the variance\n", 1.0 / (double)p, ratio);
+        assert_true(ratio > cases[k].least && ratio < cases[k].most);
+    }
+    groups_finish(&s);
+    set_destroy(set);
+}
+
 /* Readings at several counts, each off by up to a half: their mean by what one unit leaves. */
 static void a_model_finds_the_variance_behind_noisy_readings(void **state)
 {
@@ -127,6 +170,7 @@ static void an_old_sky_is_forgotten_by_the_first_new_reading(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(each_pixel_is_in_one_group_with_all_its_packets),
     cmocka_unit_test(pairs_tell_variance_and_energy),
+    cmocka_unit_test(few_particles_show_their_noise),
     cmocka_unit_test(a_model_finds_the_variance_behind_noisy_readings),
     cmocka_unit_test(a_whole_picture_corrects_what_a_part_said_of_its_time),
     cmocka_unit_test(an_old_sky_is_forgotten_by_the_first_new_reading),

@@ -167,6 +167,93 @@ static void an_error_is_met_by_time(void **state)
     set_destroy(set);
 }
 
+/* Of a processor with slow eye paths. */
+static double prices_for_particles(const struct pilot_work *w)
+{
+    return price_list(w) * (w->part == PILOT_EYE ? 2.0 : w->part == PILOT_WHOLE ? 0.3 : 1.0);
+}
+
+/* A small sun over wide ground: particles have a hundred times the noise of eye paths in equal time, which a first few
+ * that hardly a pixel catches must not hide. The first picture counts: a file has no other. */
+static void particles_over_wide_ground_are_not_taken_for_clean(void **state)
+{
+    enum { WIDE = 240, HIGH = 135 };
+    static float picture[3 * WIDE * HIGH];
+    struct set *set = set_of(&(struct set_desc){ .width = WIDE, .height = HIGH });
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0);
+    struct pilot *p = pilot_of(set);
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    p->desc.price = prices_for_particles;
+    fly(p, e, &(struct relight_desc){ .classes = PATH_ALL }, (struct pilot_target){ .error = 0.2 }, 1, picture, &stats,
+        &said);
+    printf("eye paths %.1f, light tracer %.0f; relMSE %.2g\n", said.part[PILOT_EYE].n, said.part[PILOT_WHOLE].n,
+           said.error);
+    assert_int_equal(stats.plan.indirect, PLAN_EYE);
+    assert_true(said.met && said.error <= 0.2);
+    pilot_end(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+/* Before the first picture also particles that it will use have six readings, as all else has. */
+static void particles_in_use_are_measured_before_the_first_picture(void **state)
+{
+    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct environment *e = sky_environment(sky_overcast(64, 32), 32, 0.0);
+    const struct relight_desc light = { .classes = PATH_ALL, .indirect = PLAN_LIGHT };
+    struct pilot *p = pilot_of(set);
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    fly(p, e, &light, (struct pilot_target){ .error = 0.5 }, 1, rgb, &stats, &said);
+    assert_true(said.part[PILOT_WHOLE].n > 0.0);
+    assert_in_range(p->model[WAY_WHOLE].fresh, 6, 7); /* the last one is the picture's */
+    pilot_end(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
+/* A picture that turns out to be worse than it was chosen for has not met its target. */
+static void a_target_is_met_by_the_picture_not_by_its_choice(void **state)
+{
+    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct environment *e = sky_environment(sky_overcast(64, 32), 32, 0.0);
+    struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
+    const struct pilot_target target = { .error = 1e-2 };
+    struct pilot *p = pilot_of(set);
+    struct relight_stats stats;
+    struct pilot_stats said;
+    (void)state;
+
+    fly(p, e, &light, target, 4, rgb, &stats, &said);
+    assert_true(said.met);
+    for (uint32_t way = 0; way < WAY_EYE_ALL; way++) {
+        p->model[way].variance *= 1e-3;
+        p->model[way].count = 1;
+    }
+    p->bank_s = 1.0;
+    fly(p, e, &light, target, 1, rgb, &stats, &said);
+    assert_true(said.error > target.error);
+    assert_false(said.met);
+    /* Nor if only the audit finds it. */
+    for (uint32_t way = 0; way < WAY_EYE_ALL; way++) {
+        p->model[way].variance *= 1e-3;
+        p->model[way].count = 1000;
+    }
+    p->bank_s = -1e3;
+    light.audit = 1.0;
+    fly(p, e, &light, target, 1, rgb, &stats, &said);
+    assert_true(said.error <= target.error && stats.error > target.error);
+    assert_false(said.met);
+    pilot_end(p);
+    environment_destroy(e);
+    set_destroy(set);
+}
+
 /* A time in which nothing else can be done: the bounce is left out, and it is said what it would have bought. */
 static void interreflection_is_left_out_where_the_time_is_short(void **state)
 {
@@ -328,6 +415,9 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(another_sky_is_measured_anew_within_sixteen_frames),
     cmocka_unit_test(a_sky_that_stands_still_has_a_steady_picture_in_time),
     cmocka_unit_test(an_error_is_met_by_time),
+    cmocka_unit_test(particles_over_wide_ground_are_not_taken_for_clean),
+    cmocka_unit_test(particles_in_use_are_measured_before_the_first_picture),
+    cmocka_unit_test(a_target_is_met_by_the_picture_not_by_its_choice),
     cmocka_unit_test(interreflection_is_left_out_where_the_time_is_short),
     cmocka_unit_test(what_could_fail_unseen_is_not_taken),
     cmocka_unit_test(named_counts_and_estimators_are_kept_to),
