@@ -7,10 +7,10 @@
 
 #define SMOOTH 0.2
 #define FIRST_SAMPLES 8     /* of a denoised picture, */
-#define FIRST_OF_ALL 4      /* of the very first one, */
+#define FIRST_OF_ALL 4      /* of the very first one, which no audit delays, */
 #define FIRST_PATHS 2       /* and its eye paths */
 #define HURRY_S 0.5         /* from the end of a glide to the next samples: the cache needs the processors, */
-#define AT_ONCE 2           /* but not before so many pictures (RELIGHT_GIVE_WAY_S), which no audit delays */
+#define AT_ONCE 2           /* but not before so many pictures (RELIGHT_GIVE_WAY_S) */
 #define BUILDING_SHARE 0.35 /* of the time, for pictures by the cache while it is being computed, */
 #define BUILDING_S 1.0      /* and the longest time from one to the next */
 #define PICTURE_SHARE 0.9   /* of the time between two pictures that a measured picture may use, */
@@ -72,7 +72,7 @@ static struct relight_desc denoised(const struct decider *d, const struct religh
     out.denoise = out.remember = true;
     out.direct.samples = d->cache.pictures == 0 ? FIRST_OF_ALL : FIRST_SAMPLES;
     out.eye_paths = light->eye_paths ? light->eye_paths : FIRST_PATHS;
-    out.audit = d->cache.pictures < AT_ONCE ? 0.0 : light->audit;
+    out.audit = d->cache.pictures == 0 ? 0.0 : light->audit;
     out.glide = d->cache.glide > 0 ? GLIDE_ON : d->cache.pictures > 0 ? GLIDE_BEGIN : GLIDE_NONE;
     return out;
 }

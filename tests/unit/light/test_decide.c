@@ -196,8 +196,8 @@ static void a_stream_of_frames_gets_it_in_the_background(void **state)
     gets_it_in_the_background(0.9 * BUY_BIAS_COARSE);
 }
 
-/* The first live picture takes few samples, the second follows it at once, and neither waits for an audit; then the
- * cache needs the processors. */
+/* The first live picture takes few samples and waits for no audit, and the second follows it at once; then the cache
+ * needs the processors. */
 static void first_pictures_hurry(void **state)
 {
     struct relight_desc light = sampled;
@@ -220,7 +220,7 @@ static void first_pictures_hurry(void **state)
     decide(&d, &request, &next);
     assert_true(next.light.denoise && next.light.direct.samples == 2 * first.light.direct.samples);
     assert_true(first.light.glide == GLIDE_NONE && next.light.glide == GLIDE_BEGIN);
-    assert_true(first.light.audit == 0.0 && next.light.audit == 0.0);
+    assert_true(first.light.audit == 0.0 && next.light.audit == light.audit);
     decider_learn(&d, r, &request, &next, &stats, &(struct pilot_stats){ .seconds = 0.0 });
     for (int k = 1; k < HISTORY_GLIDE; k++) { /* its light is displayed step by step, at any rate */
         assert_true(decider_interval_s(&d) == 0.0);
