@@ -1,6 +1,7 @@
 /* Adds the light of the scene's own lamps (light/relight_lamps.h) to relightd's images. The sky's part of an image
  * is kept, so that another factor, or more samples of the lamps' part, need no relighting. Each view has its own lamps'
- * part, refined on a separate thread; that of the command line's view is kept when the camera changes. */
+ * part, refined on a separate thread and filtered, so that its first images are not grainy; that of the command line's
+ * view is kept when the camera changes. Lockstep images, which are not denoised, have an unfiltered one. */
 #include "daemon/shade_parts.h"
 
 #include "base/clock.h"
@@ -30,13 +31,13 @@ bool lamps_create_canvas(struct shade_thread *t)
 }
 
 /* The part of a view, which is started if it is wanted. NULL: there is none. */
-static struct relight_lamps *part_of(struct shade_thread *t, bool first, double scale)
+static struct relight_lamps *part_of(struct shade_thread *t, bool lockstep, double scale)
 {
     struct shown_lamps *l = &t->lamps;
-    struct relight_lamps **part = first || t->set == t->first_set ? &l->first : &l->other;
+    struct relight_lamps **part = lockstep ? &l->lockstep : t->set == t->first_set ? &l->first : &l->other;
     const struct setup *setup = &t->shared->config.setup;
-    const struct relight_lamps_desc desc = { first ? t->first_set : t->set, setup->lamp_samples,
-                                             setup->light.direct.seed };
+    const struct relight_lamps_desc desc = { lockstep ? t->first_set : t->set, setup->lamp_samples,
+                                             setup->light.direct.seed, !lockstep, setup->kernels };
     struct reason why = { "" };
 
     if (*part || !l->sky || l->failed || !(scale > 0.0))
@@ -79,7 +80,9 @@ void lamps_add(struct shade_thread *t, bool lockstep, double scale, float *rgb)
 
 static struct relight_lamps *present(const struct shade_thread *t)
 {
-    return t->set == t->first_set ? t->lamps.first : t->lamps.other;
+    const struct shown_lamps *l = &t->lamps;
+
+    return t->set != t->first_set ? l->other : l->first ? l->first : l->lockstep;
 }
 
 bool lamps_have_news(const struct shade_thread *t)
@@ -122,6 +125,7 @@ void lamps_finish(struct shade_thread *t)
 {
     lamps_leave_view(t);
     relight_lamps_destroy(t->lamps.first);
+    relight_lamps_destroy(t->lamps.lockstep);
     mem_free(t->lamps.sky);
     t->lamps = (struct shown_lamps){ .first = NULL };
 }

@@ -61,6 +61,7 @@ struct sky_answer {
 /* Light of the scene's own lamps (lamps.c). */
 struct shown_lamps {
     struct relight_lamps *first, *other; /* of first_set, and of another displayed view; NULL: not started */
+    struct relight_lamps *lockstep;      /* of first_set, in lockstep sequences; likewise */
     float *sky;                          /* the sky's part of the newest picture; NULL: the scene has no lamps */
     uint32_t samples;                    /* of the part in the newest picture */
     double published_s;                  /* the time of that picture */
@@ -134,7 +135,8 @@ bool lamps_create_canvas(struct shade_thread *t);
 void lamps_take_sky(struct shade_thread *t, const float *rgb);
 /* The newest picture without lamps; NULL: the scene has none. */
 const float *lamps_sky(const struct shade_thread *t);
-/* Adds the lamps' light computed so far. Lockstep pictures, which use the first view, wait for all of it. */
+/* Adds the lamps' light computed so far. Lockstep pictures, which use the first view, wait for all of it,
+ * unfiltered. */
 void lamps_add(struct shade_thread *t, bool lockstep, double scale, float *rgb);
 /* Whether to republish the displayed picture with better lamps. */
 bool lamps_have_news(const struct shade_thread *t);

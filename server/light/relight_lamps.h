@@ -1,7 +1,8 @@
 /* The part of an image that the scene's own emitters contribute: emissive surfaces and punctual lights
  * (lamps/lamps.h). It does not depend on the sky, so it is computed once per scene, camera and seed and then kept:
  * image = the sky's part + scale * the lamps' part. Either the caller or a separate thread refines it in batches. The
- * same number of samples gives the same bits, at any number of threads. */
+ * same number of samples gives the same bits, at any number of threads. Filtered, it comes as two halves with seeds of
+ * their own (filter/filter.h); what the camera sees of the emitters themselves is never filtered. */
 #ifndef LIGHT_RELIGHT_LAMPS_H
 #define LIGHT_RELIGHT_LAMPS_H
 
@@ -17,6 +18,8 @@ struct relight_lamps_desc {
     const struct set *set; /* must outlive the part */
     uint32_t samples;      /* per shading point, after which it is complete; >= 1 */
     uint64_t seed;
+    bool denoise;                  /* filter the light at shade points; an odd `samples` then counts as one more */
+    const struct kernels *kernels; /* whose CPU level limits the filter; NULL: the best of this CPU */
 };
 
 /* On ERR_OK the caller owns *out, NULL if the scene has no emitters. ERR_NOMEM. Thread: one at a time, besides the

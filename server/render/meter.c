@@ -31,7 +31,7 @@ static enum err light_picture(const struct render *r, const struct set *set, flo
         .eye_paths = EYE_PATHS,
         .denoise = true,
     };
-    const struct relight_lamps_desc lamps_desc = { set, SAMPLES, 0 };
+    const struct relight_lamps_desc lamps_desc = { .set = set, .samples = SAMPLES };
     struct relighter *relighter = relighter_create(set, s->kernels);
     struct relight_lamps *lamps = NULL;
     struct relight_stats stats;

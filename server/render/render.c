@@ -60,7 +60,8 @@ static enum err open_source(struct render *r, struct reason *why)
 static enum err light_lamps(struct render *r, struct reason *why)
 {
     const struct setup *s = &r->desc.setup;
-    const struct relight_lamps_desc desc = { r->set, s->lamp_samples, s->light.direct.seed };
+    const struct relight_lamps_desc desc = { r->set, s->lamp_samples, s->light.direct.seed, s->light.denoise,
+                                             s->kernels };
 
     if (!(s->initial.lamps > 0.0))
         return ERR_OK;
