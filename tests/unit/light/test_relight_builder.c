@@ -42,12 +42,11 @@ static void what_has_no_room_is_refused_for_good(void **state)
 /* A cache that finds no room leaves nothing behind, also for the audit of a live image. */
 static void images_without_room_for_a_cache_are_audited(void **state)
 {
-    const struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16 },
-                                        .classes = PATH_DIRECT,
-                                        .cache_bytes = 1,
-                                        .cache_background = true,
-                                        .audit = 20.0,
-                                        .audit_live = true };
+    struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16 },
+                                  .classes = PATH_DIRECT,
+                                  .cache_bytes = 1,
+                                  .cache_background = true,
+                                  .audit_live = true };
     struct stage s = stage_make(&(struct set_desc){ .width = 32, .height = 18 }, sky_constant(64, 32, 1.0f));
     struct relight_stats stats = { .cache_refused = false };
     uint64_t audited = 0;
@@ -55,6 +54,7 @@ static void images_without_room_for_a_cache_are_audited(void **state)
     (void)state;
 
     for (int after = 0; after < 8; after += stats.cache_refused) { /* several pay for an audit together */
+        light.audit = stats.cache_refused ? 20.0 : 0.0; /* rays from before would be kept, and none traced */
         assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
         audited += stats.cache_refused ? stats.audited.rays : 0;
         estimates += stats.cache_refused && stats.error > 0.0;
