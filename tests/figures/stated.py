@@ -6,10 +6,12 @@ Lights each scene (builtin or a file; the default is court, steps, ring, plaza a
 build/bin/first_pictures, live, with fixed counts and by the cache, and compares what each image states with its relMSE against a
 long run of --reference pairs of passes. Prints a row for each scene and sky, and one for each way: the stated error over the
 true one, least, mean and largest, how many lie within 0.67 and 1.5, how many upper bounds hold, and how many images say that
-they do not know. --keep: keeps truths and rows in FOLDER, so that a run goes on where the last one ended. RELIGHT_BIN: the
+they do not know. Images that are nearer to the truth than its noise, so that a negative relMSE was measured, do not count; their
+number is the last line. --keep: keeps truths and rows in FOLDER, so that a run goes on where the last one ended. RELIGHT_BIN: the
 programs' folder."""
 
 import argparse
+import math
 import os
 import subprocess
 import sys
@@ -35,7 +37,7 @@ def lines_of(name, scene, sky, seed, folder, a):
 
 
 def images(name, scene, sky, folder, a):
-    """(way, stated / true, bound / true) of each image."""
+    """(way, stated / true, bound / true) of each image, the latter two NaN where no error above 0 was measured."""
     for seed in range(a.first, a.first + a.seeds):
         for line in lines_of(name, scene, sky, seed, folder, a):
             words = line.replace("live cached", "cached-live").split()
@@ -44,10 +46,12 @@ def images(name, scene, sky, folder, a):
             if a.verbose:
                 print(line, file=sys.stderr)
             way = words[2].rstrip(":").split(",", 1)[0].replace("cached-live", "live, cached")
-            yield way + (" denoised" if "denoised" in words[2] else ""), float(words[8]), float(words[10])
+            measured = float(words[4]) > 0
+            yield way + (" denoised" if "denoised" in words[2] else ""), *(float(words[k]) if measured else math.nan for k in (8, 10))
 
 
 def row(name, rows):
+    rows = [r for r in rows if not math.isnan(r[1])]
     r = [x for _, x, _ in rows if x > 0]
     bounds = [b for _, x, b in rows if x == 0 and b > 0]
     numbers = f"{min(r):.2f} | {sum(r) / len(r):.2f} | {max(r):.2f}" if r else "- | - | -"
@@ -87,7 +91,9 @@ def main():
                     ways.setdefault(r[0], []).append(r)
     for way, rows in ways.items():
         row(way, rows)
-    row("**all**", sum(ways.values(), []))
+    every = sum(ways.values(), [])
+    row("**all**", every)
+    print(f"\n{sum(math.isnan(r[1]) for r in every)} more images are nearer to the truth than its noise.")
 
 
 if __name__ == "__main__":
