@@ -13,6 +13,7 @@ import json
 import os
 import re
 import resource
+import signal
 import statistics
 import subprocess
 import sys
@@ -332,6 +333,7 @@ def main():
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--only", default="speed,memory,bits,kills,many,links")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that networks and jobs are removed
     model = re.search("model name.*: (.*)", Path("/proc/cpuinfo").read_text())
     commit = subprocess.run(["git", "-C", Path(__file__).parent, "describe", "--always", "--dirty"], capture_output=True, text=True).stdout.strip()
     print(f"{time.strftime('%Y-%m-%d')}, commit {commit}, {CPUS} processors, {model[1] if model else 'unknown'}\n", flush=True)
