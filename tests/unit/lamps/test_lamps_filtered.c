@@ -109,7 +109,7 @@ static void filtered_light_converges_to_the_unfiltered(void **state)
     lit_finish(&l);
 }
 
-/* Odd counts give either half one more sample than half of them; nobody is told of that. */
+/* Eleven samples: each half takes six. The part still reports eleven. */
 static void filtered_light_has_the_same_bits_on_any_threads(void **state)
 {
     static float one[3 * PIXELS], many[3 * PIXELS], beside[3 * PIXELS];
