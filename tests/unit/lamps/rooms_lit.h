@@ -6,8 +6,11 @@
 #include "light/relight_lamps.h"
 #include "support/gbuffers.h"
 
+#include <time.h>
+
 struct lit { /* a scene before a camera */
     struct set set;
+    bool denoise; /* of the lamps' part; false at first */
 };
 
 /* Takes the scene. Without `edges` every pixel has the ray through its centre alone. */
@@ -32,26 +35,50 @@ static inline void lit_finish(struct lit *l)
     scene_destroy(l->set.scene);
 }
 
-/* The lamps' part after so many samples. */
-static inline struct relight_lamps *lit_part(const struct lit *l, uint32_t samples, uint64_t seed)
+static inline struct relight_lamps *lit_part_begin(const struct lit *l, uint32_t samples, uint64_t seed)
 {
-    const struct relight_lamps_desc desc = { &l->set, samples, seed };
+    const struct relight_lamps_desc desc = { .set = &l->set, .samples = samples, .seed = seed, .denoise = l->denoise };
     struct relight_lamps *part = NULL;
     struct reason why = { "" };
 
     assert_int_equal(relight_lamps_create(&desc, &part, &why), ERR_OK);
     assert_non_null(part);
+    return part;
+}
+
+/* The lamps' part after so many samples. */
+static inline struct relight_lamps *lit_part(const struct lit *l, uint32_t samples, uint64_t seed)
+{
+    struct relight_lamps *part = lit_part_begin(l, samples, seed);
+    struct reason why = { "" };
+
     assert_int_equal(relight_lamps_complete(part, false, &why), ERR_OK);
     return part;
 }
 
-static inline void lit_render(const struct lit *l, uint32_t samples, uint64_t seed, float *rgb)
+static inline void lit_take(const struct lit *l, struct relight_lamps *part, float *rgb)
 {
-    struct relight_lamps *part = lit_part(l, samples, seed);
-
     memset(rgb, 0, 3 * sizeof(float) * l->set.gbuffer->width * l->set.gbuffer->height);
     relight_lamps_add(part, 1.0, rgb);
     relight_lamps_destroy(part);
+}
+
+static inline void lit_render(const struct lit *l, uint32_t samples, uint64_t seed, float *rgb)
+{
+    lit_take(l, lit_part(l, samples, seed), rgb);
+}
+
+/* As lit_render, on a thread of the part's own. */
+static inline void lit_render_beside(const struct lit *l, uint32_t samples, uint64_t seed, float *rgb)
+{
+    struct relight_lamps *part = lit_part_begin(l, samples, seed);
+    struct reason why = { "" };
+
+    assert_int_equal(relight_lamps_start(part, &why), ERR_OK);
+    while (!relight_lamps_is_complete(part))
+        nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
+    assert_int_equal(relight_lamps_samples(part), samples);
+    lit_take(l, part, rgb);
 }
 
 /* The point that a pixel shows, if it is a single one. */

@@ -235,8 +235,6 @@ static void the_same_bits_at_any_number_of_threads(void **state)
 {
     static float one[3 * PIXELS], many[3 * PIXELS], beside[3 * PIXELS];
     const int before = omp_get_max_threads();
-    struct relight_lamps *part = NULL;
-    struct reason why;
     struct lit l;
 
     (void)state;
@@ -247,14 +245,8 @@ static void the_same_bits_at_any_number_of_threads(void **state)
     lit_render(&l, 11, 5, many);
     omp_set_num_threads(before);
     assert_memory_equal(one, many, sizeof(one));
-    assert_int_equal(relight_lamps_create(&(struct relight_lamps_desc){ &l.set, 11, 5 }, &part, &why), ERR_OK);
-    assert_int_equal(relight_lamps_start(part, &why), ERR_OK);
-    while (!relight_lamps_is_complete(part))
-        nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
-    assert_int_equal(relight_lamps_samples(part), 11);
-    relight_lamps_add(part, 1.0, beside);
+    lit_render_beside(&l, 11, 5, beside);
     assert_memory_equal(one, beside, sizeof(one));
-    relight_lamps_destroy(part);
     lit_finish(&l);
 }
 

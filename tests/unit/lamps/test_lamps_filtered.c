@@ -3,7 +3,6 @@
 #include "lamps/rooms_lit.h"
 
 #include <omp.h>
-#include <time.h>
 
 enum { WIDTH = 48, HEIGHT = 36, PIXELS = WIDTH * HEIGHT, LONG = 512 };
 
@@ -34,17 +33,10 @@ static void room_make(struct lit *l)
     lit_make(l, s, &inside, WIDTH, HEIGHT, true);
 }
 
-static void render(const struct lit *l, uint32_t samples, uint64_t seed, bool denoise, float *rgb)
+static void render(struct lit *l, uint32_t samples, uint64_t seed, bool denoise, float *rgb)
 {
-    const struct relight_lamps_desc desc = { .set = &l->set, .samples = samples, .seed = seed, .denoise = denoise };
-    struct relight_lamps *part = NULL;
-    struct reason why = { "" };
-
-    assert_int_equal(relight_lamps_create(&desc, &part, &why), ERR_OK);
-    assert_int_equal(relight_lamps_complete(part, false, &why), ERR_OK);
-    memset(rgb, 0, 3 * sizeof(float) * PIXELS);
-    relight_lamps_add(part, 1.0, rgb);
-    relight_lamps_destroy(part);
+    l->denoise = denoise;
+    lit_render(l, samples, seed, rgb);
 }
 
 static double mean_of(const float *rgb)
@@ -114,8 +106,6 @@ static void filtered_light_has_the_same_bits_on_any_threads(void **state)
 {
     static float one[3 * PIXELS], many[3 * PIXELS], beside[3 * PIXELS];
     const int before = omp_get_max_threads();
-    struct relight_lamps *part = NULL;
-    struct reason why;
     struct lit l;
 
     (void)state;
@@ -126,15 +116,8 @@ static void filtered_light_has_the_same_bits_on_any_threads(void **state)
     render(&l, 12, 5, true, many);
     omp_set_num_threads(before);
     assert_memory_equal(one, many, sizeof(one));
-    const struct relight_lamps_desc desc = { .set = &l.set, .samples = 11, .seed = 5, .denoise = true };
-    assert_int_equal(relight_lamps_create(&desc, &part, &why), ERR_OK);
-    assert_int_equal(relight_lamps_start(part, &why), ERR_OK);
-    while (!relight_lamps_is_complete(part))
-        nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
-    assert_int_equal(relight_lamps_samples(part), 11);
-    relight_lamps_add(part, 1.0, beside);
+    lit_render_beside(&l, 11, 5, beside);
     assert_memory_equal(one, beside, sizeof(one));
-    relight_lamps_destroy(part);
     lit_finish(&l);
 }
 
