@@ -40,38 +40,40 @@ struct build {
 
 /* Per thread: centre samples of a band, the leaves of one pixel, and the row being built. */
 struct scratch {
-    struct leaf *centres; /* [rows of a band + 2][width] */
-    uint8_t *uneven;      /* likewise: mirror, glass or a mask's holes (sight_trace) */
-    float *glow;          /* likewise [3]: what is seen to be emitted; NULL: the scene has no lamps */
-    struct leaf *leaves;  /* [side * side * LEAF_MAX] */
-    uint32_t *owner;
-    struct row draft;  /* each row is built here and then copied at its exact size */
-    struct slab *slab; /* receives the copies; NULL: none yet */
+    struct leaf *centres;    /* [rows of a band + 2][width] */
+    uint8_t *uneven;         /* likewise: mirror, glass or a mask's holes (sight_trace) */
+    float *glow;             /* likewise [3]: what is seen to be emitted; NULL: the scene has no lamps */
+    struct leaf *leaves;     /* [side * side * LEAF_MAX] */
+    struct leaf_link *links; /* likewise */
+    struct row draft;        /* each row is built here and then copied at its exact size */
+    struct slab *slab;       /* receives the copies; NULL: none yet */
 };
 
 /* Traces the ray through (x, y), one of `side` x `side` in the pixel. A pixel off the image centre subtends less: its
  * edge is the square root of its solid angle step^2 cos^3. */
-static uint32_t trace(const struct build *b, double x, double y, uint32_t side, struct leaf out[LEAF_MAX],
+static uint32_t trace(const struct build *b, double x, double y, uint32_t side, bool glance, struct leaf out[LEAF_MAX],
                       struct sighting *found, struct sight_count *count)
 {
     const struct vec3 o = b->desc->camera->position, dir = view_direction(&b->view, x, y);
     const double *ahead = b->view.ahead, cosine = ahead[0] * dir.x + ahead[1] * dir.y + ahead[2] * dir.z;
 
     if (b->view.projection == PROJECTION_PERSPECTIVE)
-        return sight_trace(&b->sight, o, dir, (float)(b->view.step * cosine * sqrt(cosine) / side), out, found, count);
+        return sight_trace(&b->sight, o, dir, (float)(b->view.step * cosine * sqrt(cosine) / side), glance, out, found,
+                           count);
     if (view_sees(&b->view, x, y))
-        return sight_trace(&b->sight, o, dir, (float)(sqrt(view_solid_angle(&b->view, dir)) / side), out, found, count);
+        return sight_trace(&b->sight, o, dir, (float)(sqrt(view_solid_angle(&b->view, dir)) / side), glance, out, found,
+                           count);
     *found = (struct sighting){ .uneven = false };
     return 0;
 }
 
-/* The centre sample of each pixel of row y: the heaviest of its leaves; without mirrors there is only one. */
+/* The centre sample of each pixel of row y, if it is even: then there is one leaf. Of others nothing else is known. */
 static void trace_centres(const struct build *b, uint32_t y, struct leaf *centres, uint8_t *uneven, float *glow,
                           struct leaf *leaves, struct sight_count *count)
 {
     for (uint32_t x = 0; x < b->desc->width; x++) {
         struct sighting found;
-        const uint32_t n = trace(b, x + 0.5, y + 0.5, 1, leaves, &found, count);
+        const uint32_t n = trace(b, x + 0.5, y + 0.5, 1, true, leaves, &found, count);
         uneven[x] = found.uneven || n != 1;
         if (glow)
             memcpy(glow + 3 * (size_t)x, found.glow, sizeof(found.glow));
@@ -146,7 +148,7 @@ static uint32_t trace_edge(const struct build *b, const struct scratch *s, uint3
         const double jx = (i % b->side + rng_next(&r)) / b->side;
         const double jy = (i / b->side + rng_next(&r)) / b->side;
         struct sighting found;
-        const uint32_t more = trace(b, x + jx, y + jy, b->side, s->leaves + n, &found, count);
+        const uint32_t more = trace(b, x + jx, y + jy, b->side, false, s->leaves + n, &found, count);
         for (int c = 0; c < 3; c++)
             glow[c] += share * found.glow[c];
         for (uint32_t k = n; k < n + more; k++) {
@@ -155,7 +157,7 @@ static uint32_t trace_edge(const struct build *b, const struct scratch *s, uint3
         }
         n += more;
     }
-    leaves_merge(&b->sight, s->leaves, s->owner, &n);
+    leaves_merge(&b->sight, s->leaves, s->links, &n);
     return n;
 }
 
@@ -227,7 +229,7 @@ static bool build_row(struct build *b, struct scratch *s, uint32_t in_band, uint
             n = trace_edge(b, s, x, y, found.glow, &r->count);
             r->edge_pixels++;
         } else if (found.uneven) {
-            n = trace(b, x + 0.5, y + 0.5, 1, s->leaves, &found, &r->count);
+            n = trace(b, x + 0.5, y + 0.5, 1, false, s->leaves, &found, &r->count);
         } else {
             if (b->sight.lamps && b->side >= 2 && glow_varies(b, s, in_band, x, y))
                 (void)trace_edge(b, s, x, y, found.glow, &r->count); /* the leaf stays that of the centre */
@@ -348,16 +350,16 @@ static bool scratch_init(struct scratch *s, const struct gbuffer_desc *d, uint32
         .uneven = mem_alloc(centres, sizeof(*s->uneven)),
         .glow = lamps ? mem_alloc(centres, 3 * sizeof(*s->glow)) : NULL,
         .leaves = mem_alloc(leaves, sizeof(*s->leaves)),
-        .owner = mem_alloc(leaves, sizeof(*s->owner)),
+        .links = mem_alloc(leaves, sizeof(*s->links)),
     };
-    return s->centres && s->uneven && (s->glow || !lamps) && s->leaves && s->owner;
+    return s->centres && s->uneven && (s->glow || !lamps) && s->leaves && s->links;
 }
 
 /* Without the draft, which is one row among thousands. */
 static uint64_t scratch_bytes(const struct gbuffer_desc *d, uint32_t side, bool lamps)
 {
     return centre_count(d) * (sizeof(struct leaf) + 1 + (lamps ? 3 * sizeof(float) : 0)) +
-           (uint64_t)side * side * LEAF_MAX * (sizeof(struct leaf) + sizeof(uint32_t));
+           (uint64_t)side * side * LEAF_MAX * (sizeof(struct leaf) + sizeof(struct leaf_link));
 }
 
 static void scratch_finish(struct scratch *s)
@@ -366,7 +368,7 @@ static void scratch_finish(struct scratch *s)
     mem_free(s->uneven);
     mem_free(s->glow);
     mem_free(s->leaves);
-    mem_free(s->owner);
+    mem_free(s->links);
     mem_free(s->draft.points);
     mem_free(s->draft.entries);
     mem_free(s->draft.escapes);
@@ -538,9 +540,11 @@ enum err gbuffer_create(const struct scene *scene, const struct rays *rays, cons
     b.g->pixel_angle = desc->camera->projection == PROJECTION_PERSPECTIVE
                            ? 2.0f * tanf(0.5f * desc->camera->fov_y) / (float)desc->height
                            : (float)b.view.step;
-    b.sight = (struct sight){
-        .scene = scene, .rays = rays, .pixel_angle = b.g->pixel_angle, .lamps = scene_has_lamps(scene)
-    };
+    b.sight = (struct sight){ .scene = scene,
+                              .rays = rays,
+                              .pixel_angle = b.g->pixel_angle,
+                              .lamps = scene_has_lamps(scene),
+                              .holes = rays_have_holes(rays) };
     const enum err e = build_all(&b, why);
     free_rows(b.rows, desc->height);
     if (e == ERR_NOMEM)

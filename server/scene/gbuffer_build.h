@@ -29,6 +29,7 @@ struct sight {
     const struct rays *rays;
     float pixel_angle; /* radians */
     bool lamps;        /* some surface may emit light */
+    bool holes;        /* some surface has holes, which a ray's width matters to */
 };
 
 /* Ray differentials: first derivatives of a ray's origin and direction with respect to steps of one pixel (or part of
@@ -76,18 +77,26 @@ struct sighting {
 };
 
 /* Traces a camera ray whose neighbours are `angle` radians away. Returns the number of leaves, 0 only if everything was
- * absorbed. */
-uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, float angle, struct leaf out[LEAF_MAX],
-                     struct sighting *found, struct sight_count *count);
+ * absorbed. glance: ends where it finds the ray uneven, whose leaves and glow are then incomplete. */
+uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, float angle, bool glance,
+                     struct leaf out[LEAF_MAX], struct sighting *found, struct sight_count *count);
 
 /* Whether two leaves can be shaded as one point, or looked up as one direction. */
 bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *b);
 
+/* Of clusters of leaves: lists in the leaves' order. */
+struct leaf_link {
+    uint32_t next; /* in this leaf's cluster; LEAF_END: none */
+    uint32_t last; /* of the cluster, if this leaf is its first */
+    uint32_t seed; /* at place k: the first leaf of cluster k */
+};
+#define LEAF_END UINT32_MAX
+
 /* Merges similar leaves. In: leaves[count], weighted by their camera rays' shares of the pixel. Out: the first *count
  * leaves, each the one nearest to the mean of its cluster, with the sum of the weights and the mean colour (with a
  * roughness map: the mean lobe; with a normal map: the mean normal; escapes: the mean direction and a width of the
- * cluster's variance). owner: scratch memory for count numbers. */
-void leaves_merge(const struct sight *s, struct leaf *leaves, uint32_t *owner, uint32_t *count);
+ * cluster's variance). links: scratch memory for count of them. */
+void leaves_merge(const struct sight *s, struct leaf *leaves, struct leaf_link *links, uint32_t *count);
 
 /* A shading point before it is packed. */
 struct shade_point {

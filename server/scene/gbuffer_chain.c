@@ -74,12 +74,10 @@ static struct leaf *new_leaf(struct chain *c, const struct branch *b)
         return NULL;
     }
     struct leaf *l = &c->leaves[c->leaf_count++];
-    memset(l, 0, sizeof(*l));
     for (int k = 0; k < 3; k++)
         l->weight[k] = b->weight[k] / (b->ior * b->ior);
     l->arrival = b->dir;
     l->bounces = b->bounces;
-    l->footprint = cone_width(&b->cone);
     return l;
 }
 
@@ -94,6 +92,7 @@ static void add_rough(struct chain *c, const struct branch *b, const struct hit 
         return;
     for (int k = 0; k < 3; k++)
         l->weight[k] *= share;
+    l->escaped = false;
     l->arrival = vec3_scale(wo, -1.0f);
     l->footprint = (b->distance + h->t) * c->sight->pixel_angle; /* dir is unit */
 
@@ -111,8 +110,13 @@ static void add_escape(struct chain *c, const struct branch *b)
 {
     struct leaf *l = new_leaf(c, b);
 
-    if (l)
-        l->escaped = true;
+    if (!l)
+        return;
+    *l = (struct leaf){ .escaped = true,
+                        .bounces = l->bounces,
+                        .arrival = l->arrival,
+                        .weight = { l->weight[0], l->weight[1], l->weight[2] },
+                        .footprint = cone_width(&b->cone) };
 }
 
 /* The surface that the branch hits, and its emission, with textures averaged over the footprint. Returns the covered
@@ -120,13 +124,17 @@ static void add_escape(struct chain *c, const struct branch *b)
 static float see(const struct sight *s, const struct branch *b, const struct hit *h, struct footprint *footprint,
                  struct scatter *at, struct vec3 *emission, float passed[3])
 {
-    float uv_step[4][2];
+    const struct mesh *mesh = &s->scene->meshes[h->mesh];
+    const struct material *m = &s->scene->materials[mesh->material];
+    const bool mapped = mesh->uvs || mesh->more_uvs;
+    float uv_step[4][2] = { { 0.0f } };
 
     rays_surface(s->rays, h, vec3_scale(b->dir, -1.0f), &at->surface);
-    cone_meet(&b->cone, h, &at->surface, b->dir, footprint);
-    cone_uv(s->scene, h, footprint, uv_step);
+    if (mapped || material_is_delta(m)) /* else nothing asks for differentials */
+        cone_meet(&b->cone, h, &at->surface, b->dir, footprint);
+    if (mapped)
+        cone_uv(s->scene, h, footprint, uv_step);
     scatter_on(s->scene, h, uv_step, at);
-    const struct material *m = &s->scene->materials[at->material];
     if (s->lamps)
         *emission = scene_emission(s->scene, at->material, map_uv(m, MAP_EMISSION, &at->surface),
                                    map_step(m, MAP_EMISSION, uv_step));
@@ -215,8 +223,8 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
     return true;
 }
 
-uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, float angle, struct leaf out[LEAF_MAX],
-                     struct sighting *found, struct sight_count *count)
+uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, float angle, bool glance,
+                     struct leaf out[LEAF_MAX], struct sighting *found, struct sight_count *count)
 {
     struct chain c;
     uint32_t rays = 0;
@@ -235,15 +243,19 @@ uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir,
         struct branch b = pop_heaviest(&c);
         struct hit h;
         rays++;
-        const bool met = rays_see(s->rays, b.origin, b.dir, b.behind, cone_width(&b.cone), &h, &varies);
+        const float width = s->holes ? cone_width(&b.cone) : 0.0f;
+        const bool met = rays_see(s->rays, b.origin, b.dir, b.behind, width, &h, &varies);
         if (!met)
             add_escape(&c, &b);
         const bool delta = met && meet(&c, &b, &h);
         if (b.bounces == 0 && (delta || varies))
             found->uneven = true;
+        if (glance && found->uneven)
+            break;
     }
     memcpy(found->glow, c.glow, sizeof(found->glow));
     count->rays += rays;
-    count->cut += c.cut + pending_weight(&c);
+    if (!(glance && found->uneven))
+        count->cut += c.cut + pending_weight(&c);
     return c.leaf_count;
 }

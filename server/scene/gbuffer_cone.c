@@ -4,6 +4,7 @@
 #include "scene/mesh_read.h"
 
 #include <math.h>
+#include <string.h>
 
 #define COS_MIN 0.02f     /* cosines are clamped here: the footprint would grow without bound */
 #define TURN_MAX 1.0f     /* change of the normal within a footprint */
@@ -35,53 +36,42 @@ float cone_width(const struct cone *c)
     return sqrtf(0.5f * (vec3_dot(c->dir[0], c->dir[0]) + vec3_dot(c->dir[1], c->dir[1])));
 }
 
-/* The change of the barycentric coordinates u and v for a step in the triangle's plane, as ratios of areas [Igehy 1999,
- * Eq. 13]. False: the triangle is too small for floats. */
-static bool barycentric_change(const struct mesh *m, const struct hit *h, struct vec3 step, float *du, float *dv)
+/* A triangle as the differentials need it. */
+struct corner_edges {
+    struct vec3 e1, e2, area; /* from the first corner; their cross product */
+    float area2;              /* its square; 0: the triangle is too small for floats */
+};
+
+static struct corner_edges edges_of(const struct mesh *m, uint32_t triangle)
 {
+    struct corner_edges t;
     struct vec3 p[3];
 
-    mesh_corners_rounded(m, h->triangle, p);
-    const struct vec3 e1 = vec3_sub(p[1], p[0]), e2 = vec3_sub(p[2], p[0]);
-    const struct vec3 area = vec3_cross(e1, e2);
-    const float area2 = vec3_dot(area, area);
-
-    if (!(area2 > 0.0f))
-        return false;
-    *du = vec3_dot(vec3_cross(step, e2), area) / area2;
-    *dv = vec3_dot(vec3_cross(e1, step), area) / area2;
-    return true;
+    mesh_corners_rounded(m, triangle, p);
+    t.e1 = vec3_sub(p[1], p[0]);
+    t.e2 = vec3_sub(p[2], p[0]);
+    t.area = vec3_cross(t.e1, t.e2);
+    t.area2 = vec3_dot(t.area, t.area);
+    return t;
 }
 
-/* The change of the interpolated normal for a step in the triangle's plane [Igehy 1999, Eq. 14-15]. */
-static struct vec3 normal_change(const struct mesh *m, const struct hit *h, struct vec3 shading, struct vec3 step)
+/* The change of the barycentric coordinates u and v for a step in the triangle's plane, as ratios of areas [Igehy 1999,
+ * Eq. 13]. */
+static void barycentric_change(const struct corner_edges *t, struct vec3 step, float *du, float *dv)
 {
-    const uint32_t *t = m->indices + 3 * (size_t)h->triangle;
-    const struct vec3 none = vec3_make(0.0f, 0.0f, 0.0f);
-    float du, dv;
-
-    if (!m->normals)
-        return none;
-    const struct vec3 n0 = mesh_normal(m, t[0]);
-    const struct vec3 n1 = vec3_sub(mesh_normal(m, t[1]), n0), n2 = vec3_sub(mesh_normal(m, t[2]), n0);
-    const struct vec3 raw = vec3_add(n0, vec3_add(vec3_scale(n1, h->u), vec3_scale(n2, h->v)));
-    const float along = vec3_dot(raw, shading); /* its length, with the sign of the side */
-    if (fabsf(along) < 1e-3f || !barycentric_change(m, h, step, &du, &dv))
-        return none;
-    const struct vec3 change = vec3_scale(vec3_add(vec3_scale(n1, du), vec3_scale(n2, dv)), 1.0f / along);
-    return limit(vec3_sub(change, vec3_scale(shading, vec3_dot(change, shading))), TURN_MAX);
+    *du = vec3_dot(vec3_cross(step, t->e2), t->area) / t->area2;
+    *dv = vec3_dot(vec3_cross(t->e1, step), t->area) / t->area2;
 }
 
-static void step_uvs(const struct mesh *m, const float *uvs, const struct hit *h, const struct footprint *at,
-                     float uv_step[2][2])
+static void step_uvs(const struct mesh *m, const float *uvs, const struct hit *h, const struct corner_edges *edges,
+                     const struct footprint *at, float uv_step[2][2])
 {
     const uint32_t *t = m->indices + 3 * (size_t)h->triangle;
     float du, dv;
 
-    for (int k = 0; k < 2; k++) {
-        uv_step[k][0] = uv_step[k][1] = 0.0f;
-        if (!uvs || !barycentric_change(m, h, at->step[k], &du, &dv))
-            continue;
+    memset(uv_step, 0, 2 * sizeof(uv_step[0]));
+    for (int k = 0; k < 2 && uvs && edges->area2 > 0.0f; k++) {
+        barycentric_change(edges, at->step[k], &du, &dv);
         for (int i = 0; i < 2; i++) {
             const float first = uvs[2 * (size_t)t[0] + (size_t)i];
             uv_step[k][i] =
@@ -93,9 +83,10 @@ static void step_uvs(const struct mesh *m, const float *uvs, const struct hit *h
 void cone_uv(const struct scene *scene, const struct hit *h, const struct footprint *at, float uv_step[4][2])
 {
     const struct mesh *m = &scene->meshes[h->mesh];
+    const struct corner_edges edges = edges_of(m, h->triangle);
 
-    step_uvs(m, m->uvs, h, at, uv_step);
-    step_uvs(m, m->more_uvs, h, at, uv_step + 2);
+    step_uvs(m, m->uvs, h, &edges, at, uv_step);
+    step_uvs(m, m->more_uvs, h, &edges, at, uv_step + 2);
 }
 
 /* The derivative of a normalised vector: the part perpendicular to it. */
@@ -118,10 +109,28 @@ void cone_meet(const struct cone *c, const struct hit *h, const struct surface *
     out->shading = s->shading;
 }
 
+/* The change of the interpolated normal for a step in the triangle's plane [Igehy 1999, Eq. 14-15]. */
 void cone_bend(const struct scene *scene, const struct hit *h, struct footprint *at)
 {
-    for (int k = 0; k < 2; k++)
-        at->turn[k] = normal_change(&scene->meshes[h->mesh], h, at->shading, at->step[k]);
+    const struct mesh *m = &scene->meshes[h->mesh];
+    const uint32_t *t = m->indices + 3 * (size_t)h->triangle;
+    float du, dv;
+
+    at->turn[0] = at->turn[1] = vec3_make(0.0f, 0.0f, 0.0f);
+    if (!m->normals)
+        return;
+    const struct vec3 n0 = mesh_normal(m, t[0]);
+    const struct vec3 n1 = vec3_sub(mesh_normal(m, t[1]), n0), n2 = vec3_sub(mesh_normal(m, t[2]), n0);
+    const struct vec3 raw = vec3_add(n0, vec3_add(vec3_scale(n1, h->u), vec3_scale(n2, h->v)));
+    const float along = vec3_dot(raw, at->shading); /* its length, with the sign of the side */
+    const struct corner_edges edges = edges_of(m, h->triangle);
+    if (fabsf(along) < 1e-3f || !(edges.area2 > 0.0f))
+        return;
+    for (int k = 0; k < 2; k++) {
+        barycentric_change(&edges, at->step[k], &du, &dv);
+        const struct vec3 change = vec3_scale(vec3_add(vec3_scale(n1, du), vec3_scale(n2, dv)), 1.0f / along);
+        at->turn[k] = limit(vec3_sub(change, vec3_scale(at->shading, vec3_dot(change, at->shading))), TURN_MAX);
+    }
 }
 
 void cone_turn(const struct cone *c, const struct footprint *at, const struct scatter *s, struct vec3 dir,

@@ -48,14 +48,11 @@ static float total(const struct leaf *l)
 
 /* Variances add: width^2 / 12 is the mean of the leaves' own and half the variance of their directions about the mean,
  * per axis. */
-static float merged_width(const struct leaf *leaves, const uint32_t *owner, uint32_t first, uint32_t count,
-                          struct vec3 mean)
+static float merged_width(const struct leaf *leaves, const struct leaf_link *links, uint32_t first, struct vec3 mean)
 {
     double sum = 0.0, all = 0.0;
 
-    for (uint32_t i = first; i < count; i++) {
-        if (owner[i] != first)
-            continue;
+    for (uint32_t i = first; i != LEAF_END; i = links[i].next) {
         const struct leaf *l = &leaves[i];
         const struct vec3 off = vec3_sub(l->arrival, mean);
         const double w = total(l);
@@ -66,15 +63,12 @@ static float merged_width(const struct leaf *leaves, const uint32_t *owner, uint
 }
 
 /* The mean lobe of a material whose roughness or metallic varies: in gloss it is approximate. */
-static void merge_lobes(const struct leaf *leaves, const uint32_t *owner, uint32_t first, uint32_t count,
-                        struct leaf *out)
+static void merge_lobes(const struct leaf *leaves, const struct leaf_link *links, uint32_t first, struct leaf *out)
 {
     double specular[3] = { 0.0 }, weight[3] = { 0.0 }, gloss = 0.0, all = 0.0;
     float *const to[3] = { &out->specular.x, &out->specular.y, &out->specular.z };
 
-    for (uint32_t i = first; i < count; i++) {
-        if (owner[i] != first)
-            continue;
+    for (uint32_t i = first; i != LEAF_END; i = links[i].next) {
         const struct leaf *l = &leaves[i];
         const float from[3] = { l->specular.x, l->specular.y, l->specular.z };
         for (int k = 0; k < 3; k++) {
@@ -90,31 +84,26 @@ static void merge_lobes(const struct leaf *leaves, const uint32_t *owner, uint32
 }
 
 /* The mean normal of a cluster; it still faces the same side of `out`, which is one of them. */
-static void merge_normals(const struct leaf *leaves, const uint32_t *owner, uint32_t first, uint32_t count,
-                          struct leaf *out)
+static void merge_normals(const struct leaf *leaves, const struct leaf_link *links, uint32_t first, struct leaf *out)
 {
     struct vec3 sum = { 0.0f, 0.0f, 0.0f };
 
-    for (uint32_t i = first; i < count; i++) {
-        if (owner[i] == first)
-            sum = vec3_add(sum, vec3_scale(leaves[i].surface.shading, total(&leaves[i])));
-    }
+    for (uint32_t i = first; i != LEAF_END; i = links[i].next)
+        sum = vec3_add(sum, vec3_scale(leaves[i].surface.shading, total(&leaves[i])));
     if (vec3_dot(sum, out->surface.geometric) > 0.0f)
         out->surface.shading = vec3_normalize(sum);
 }
 
 /* Merges the cluster of seed `first`. Colours are averaged per channel with the weights, which is exact, since a pixel
  * is linear in them. */
-static struct leaf merge_cluster(const struct sight *s, const struct leaf *leaves, const uint32_t *owner,
-                                 uint32_t first, uint32_t count)
+static struct leaf merge_cluster(const struct sight *s, const struct leaf *leaves, const struct leaf_link *links,
+                                 uint32_t first)
 {
     double weight[3] = { 0.0 }, colour[3] = { 0.0 }, place[3] = { 0.0 }, all = 0.0;
     uint32_t nearest = first;
     float least = INFINITY;
 
-    for (uint32_t i = first; i < count; i++) {
-        if (owner[i] != first)
-            continue;
+    for (uint32_t i = first; i != LEAF_END; i = links[i].next) {
         const struct leaf *l = &leaves[i];
         const struct vec3 p = whereabouts(l);
         const double w = total(l);
@@ -129,9 +118,9 @@ static struct leaf merge_cluster(const struct sight *s, const struct leaf *leave
         all += w;
     }
     const struct vec3 mean = vec3_make((float)(place[0] / all), (float)(place[1] / all), (float)(place[2] / all));
-    for (uint32_t i = first; i < count; i++) {
+    for (uint32_t i = first; i != LEAF_END; i = links[i].next) {
         const float d = vec3_length(vec3_sub(whereabouts(&leaves[i]), mean));
-        if (owner[i] == first && d < least) {
+        if (d < least) {
             least = d;
             nearest = i;
         }
@@ -144,30 +133,34 @@ static struct leaf merge_cluster(const struct sight *s, const struct leaf *leave
                           weight[2] > 0.0 ? (float)(colour[2] / weight[2]) : 0.0f);
     const uint32_t maps = l.escaped ? 0 : s->scene->materials[l.material].maps;
     if (maps & (MAP_ROUGHNESS | MAP_COAT_ROUGHNESS))
-        merge_lobes(leaves, owner, first, count, &l);
+        merge_lobes(leaves, links, first, &l);
     if (maps & MAP_NORMAL)
-        merge_normals(leaves, owner, first, count, &l);
+        merge_normals(leaves, links, first, &l);
     if (l.escaped) {
         l.arrival = vec3_normalize(mean);
-        l.footprint = merged_width(leaves, owner, first, count, mean);
+        l.footprint = merged_width(leaves, links, first, mean);
     }
     return l;
 }
 
-void leaves_merge(const struct sight *s, struct leaf *leaves, uint32_t *owner, uint32_t *count)
+void leaves_merge(const struct sight *s, struct leaf *leaves, struct leaf_link *links, uint32_t *count)
 {
-    uint32_t kept = 0;
+    uint32_t clusters = 0;
 
     /* Each leaf joins the first seed it is similar to, else becomes a seed. */
     for (uint32_t i = 0; i < *count; i++) {
-        uint32_t j = 0;
-        while (j < i && (owner[j] != j || !leaf_alike(s, &leaves[j], &leaves[i])))
-            j++;
-        owner[i] = j;
+        uint32_t k = 0;
+        while (k < clusters && !leaf_alike(s, &leaves[links[k].seed], &leaves[i]))
+            k++;
+        if (k == clusters)
+            links[clusters++].seed = i;
+        struct leaf_link *first = &links[links[k].seed];
+        if (first != &links[i])
+            links[first->last].next = i;
+        first->last = i;
+        links[i].next = LEAF_END;
     }
-    for (uint32_t i = 0; i < *count; i++) {
-        if (owner[i] == i) /* writes at or before its seed, which no later cluster reads */
-            leaves[kept++] = merge_cluster(s, leaves, owner, i, *count);
-    }
-    *count = kept;
+    for (uint32_t k = 0; k < clusters; k++) /* writes at or before its seed, which no later cluster reads */
+        leaves[k] = merge_cluster(s, leaves, links, links[k].seed);
+    *count = clusters;
 }

@@ -47,11 +47,18 @@ static inline void mesh_corners(const struct mesh *m, uint32_t triangle, double 
 /* The same as floats. */
 static inline void mesh_corners_rounded(const struct mesh *m, uint32_t triangle, struct vec3 out[3])
 {
-    double p[3][3];
+    const uint32_t *t = m->indices + 3 * (size_t)triangle;
+    double p[3];
 
-    mesh_corners(m, triangle, p);
-    for (int k = 0; k < 3; k++)
-        out[k] = vec3_make((float)p[k][0], (float)p[k][1], (float)p[k][2]);
+    for (int k = 0; k < 3; k++) {
+        const float *v = m->positions + 3 * (size_t)t[k];
+        if (!m->placed) {
+            out[k] = vec3_make(v[0], v[1], v[2]);
+            continue;
+        }
+        placement_point(&m->place, v, p);
+        out[k] = vec3_make((float)p[0], (float)p[1], (float)p[2]);
+    }
 }
 
 /* Transforms a normal from the arrays' space to world space. */

@@ -310,6 +310,11 @@ bool rays_see(const struct rays *r, struct vec3 origin, struct vec3 dir, float t
     return met;
 }
 
+bool rays_have_holes(const struct rays *r)
+{
+    return r->has_masks;
+}
+
 bool rays_blocked(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, float tfar)
 {
     struct query q;

@@ -96,6 +96,9 @@ bool rays_see(const struct rays *r, struct vec3 origin, struct vec3 dir, float t
 /* Whether anything lies along dir between tnear and tfar. */
 bool rays_blocked(const struct rays *r, struct vec3 origin, struct vec3 dir, float tnear, float tfar);
 
+/* Whether the scene has meshes that rays meet only in part. */
+bool rays_have_holes(const struct rays *r);
+
 /* The surface at a hit. `towards` points away from the surface, back along the ray. */
 void rays_surface(const struct rays *r, const struct hit *h, struct vec3 towards, struct surface *out);
 

@@ -83,6 +83,7 @@ static bool attach_mesh(struct rays *r, uint32_t mesh, enum coverage coverage)
         return true;
     if (coverage == COVERAGE_PARTIAL) {
         mask_init(&r->masks[mesh], r->scene, mesh);
+        r->has_masks = true;
         r->placed_masks |= m->placed;
     }
     if (!m->placed)

@@ -9,6 +9,7 @@
 struct rays {
     const struct scene *scene;
     struct mask *masks; /* [mesh_count]; filled for the meshes with holes */
+    bool has_masks;     /* some are filled, */
     bool placed_masks;  /* of placed meshes, too */
     RTCDevice device;
     RTCScene bvh;        /* meshes in world space and instances of parts: an id is that of the mesh */

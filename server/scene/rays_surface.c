@@ -4,6 +4,12 @@
 
 #include <math.h>
 
+/* fmax, which minds NaN, is a call. */
+static inline double larger(double a, double b)
+{
+    return a > b ? a : b;
+}
+
 /* Bounds the distance of a point, computed on a triangle and rounded to float, from the triangle's plane as a ray query
  * sees it, along the unit normal n: a running error bound [Higham 2002, section 3.3] with u = 2^-24 per rounding.
  *  - The point: each coordinate is rounded once when stored and once when offset: 2 u |n_i| |p_i|.
@@ -25,7 +31,7 @@ static inline double plane_doubt(const double v[3][3], const double p[3], const 
     for (int i = 0; i < 3; i++) {
         const int j = (i + 1) % 3, k = (i + 2) % 3;
         const double area = e1[j] * e2[k] + e1[k] * e2[j];
-        const double reach = fmax(fabs(v[0][i] - p[i]), fmax(fabs(v[1][i] - p[i]), fabs(v[2][i] - p[i])));
+        const double reach = larger(fabs(v[0][i] - p[i]), larger(fabs(v[1][i] - p[i]), fabs(v[2][i] - p[i])));
         doubt += u * (2.0 * fabs(n[i]) * fabs(p[i]) + 4.0 * fabs(n[i]) * reach + 4.0 * area * reach / n_length);
     }
     return 2.0 * doubt;

@@ -71,6 +71,7 @@ static void mirror_shows_what_it_reflects(void **state)
     assert_float_equal(k->x[e->point % PACKET], 5.0f, 1e-4f);
     assert_float_equal(k->wo_x[e->point % PACKET], -1.0f, 1e-3f); /* back to the mirror, not to the eye */
     assert_float_equal(k->ng_x[e->point % PACKET], -1.0f, 1e-3f);
+    assert_int_equal(g->camera_rays, 16 * (1 + 16 * 2)); /* a glance, then 16 rays to the mirror and the wall */
     gbuffer_destroy(g);
     rays_destroy(r);
     scene_destroy(s);
