@@ -1,8 +1,7 @@
 /* The binary headers of relight.v1 as defined in PROTOCOL.md sections 6 and 7: little-endian, fixed offsets, no
  * padding. Pure functions without allocations or state, safe on untrusted input. Thread: any. Depends on no other
  * header of the project. */
-#ifndef RELIGHT_PROTOCOL_H
-#define RELIGHT_PROTOCOL_H
+#pragma once
 
 #include <stddef.h>
 #include <stdint.h>
@@ -131,5 +130,3 @@ void protocol_environment_encode(const struct protocol_environment *e, uint8_t o
  * first `length` bytes need to have arrived, so that a frame can be refused before its payload arrives. */
 enum protocol_result protocol_environment_decode(const uint8_t *bytes, size_t length, size_t total,
                                                  struct protocol_environment *e, size_t *offset);
-
-#endif

@@ -1,6 +1,5 @@
 /* The address of a server, as a user writes it. Pure; any thread. */
-#ifndef CLIENTS_ADDRESS_H
-#define CLIENTS_ADDRESS_H
+#pragma once
 
 #include "base/err.h"
 
@@ -20,5 +19,3 @@ struct address {
 /* "ws://HOST[:PORT][/PATH]", or wss:// for TLS; http:// and https://, which relightd prints and browsers show, mean the
  * same. ERR_USAGE: *why quotes the address and says what is wrong with it. */
 MUST_CHECK enum err address_parse(const char *text, struct address *out, struct reason *why);
-
-#endif

@@ -1,6 +1,5 @@
 /* What relight-feed and relight-record have in common: flags, signals, the summary. Main thread. */
-#ifndef CLIENTS_CLIENT_H
-#define CLIENTS_CLIENT_H
+#pragma once
 
 #include "base/command.h"
 #include "clients/common/connection.h"
@@ -28,5 +27,3 @@ void client_print(json_t *summary, const struct connection *c);
 
 /* Exit code: 3 where the server refused, else 0 or 1. */
 int client_exit_code(enum connection_end end, bool complete);
-
-#endif

@@ -1,8 +1,7 @@
 /* A relight.v1 client over libwebsockets: connects, with or without TLS, exchanges hello and welcome, carries text
  * and binary messages both ways, and reconnects with back-off when the connection breaks. One thread runs it
  * (connection_run) and gets all the hooks; only connection_wake may be called from others. */
-#ifndef CLIENTS_CONNECTION_H
-#define CLIENTS_CONNECTION_H
+#pragma once
 
 #include "base/err.h"
 
@@ -80,5 +79,3 @@ unsigned connection_count(const struct connection *c); /* welcomed so far */
 void connection_tick_within(struct connection *c, int64_t us); /* the next tick, if a tenth of a second is too long */
 
 void connection_wake(struct connection *c); /* any thread */
-
-#endif

@@ -1,6 +1,5 @@
 /* Fields of the server's text messages, read with limits; what a server sends is outside data. Any thread. */
-#ifndef CLIENTS_MESSAGE_H
-#define CLIENTS_MESSAGE_H
+#pragma once
 
 #include <jansson.h>
 #include <stdbool.h>
@@ -25,5 +24,3 @@ const char *message_plain_bytes(const void *bytes, size_t size, char *out, size_
 
 /* Whether a lockstep sequence may have this name: 1 to 64 letters, digits, '.', '_' and '-'. */
 bool message_is_sequence_name(const char *name);
-
-#endif

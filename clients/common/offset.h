@@ -1,7 +1,6 @@
 /* Estimates how far the server's clock is ahead of this computer's, from pings (PROTOCOL.md 5.6): the shortest of the
  * last twenty round trips counts, with an error of at most half of it. Pure; one thread per estimate. */
-#ifndef CLIENTS_OFFSET_H
-#define CLIENTS_OFFSET_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -24,5 +23,3 @@ void offset_add(struct offset *o, int64_t sent_us, int64_t received_us, int64_t 
 
 /* The estimate and what it may be off by; false while there is none. */
 bool offset_get(const struct offset *o, int64_t *ahead_us, int64_t *uncertain_us);
-
-#endif

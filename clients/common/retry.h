@@ -1,7 +1,6 @@
 /* Decides what to do after a connection has ended: PROTOCOL.md section 8 as a table, and the back-off. Pure; any
  * thread. */
-#ifndef CLIENTS_RETRY_H
-#define CLIENTS_RETRY_H
+#pragma once
 
 #include "base/rng.h"
 
@@ -33,5 +32,3 @@ struct retry_rule retry_after_status(int status);
 /* How long to wait before try number `tries` (from 0) since the last success: 500 ms doubling up to 10 s, 20 % more or
  * less, so that many clients do not come back at the same moment. */
 int retry_wait_ms(unsigned tries, enum retry_when when, struct rng *rng);
-
-#endif

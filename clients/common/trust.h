@@ -1,6 +1,5 @@
 /* The servers that a TLS client trusts, and the reason if it does not trust one. Any thread. */
-#ifndef CLIENTS_TRUST_H
-#define CLIENTS_TRUST_H
+#pragma once
 
 #include "clients/common/address.h"
 
@@ -13,5 +12,3 @@ MUST_CHECK enum err trust_create(const char *ca_file, const struct address *serv
 
 /* After a handshake that failed: true when the certificate is at fault; *why then says how, and what to do. */
 bool trust_explain(const SSL *failed, const char *ca_file, struct reason *why);
-
-#endif

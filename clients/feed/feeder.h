@@ -1,7 +1,6 @@
 /* A producer of relight.v1: sends a reader's parcels as credit allows, receives their fates, and after a lost
  * connection continues where the server says. Thread: the one that calls feeder_run. */
-#ifndef FEED_FEEDER_H
-#define FEED_FEEDER_H
+#pragma once
 
 #include "clients/common/connection.h"
 #include "clients/feed/reader.h"
@@ -43,5 +42,3 @@ void feeder_destroy(struct feeder *f); /* NULL is allowed */
 enum connection_end feeder_run(struct feeder *f, struct reason *why);
 
 void feeder_report(struct feeder *f, struct feeder_report *out);
-
-#endif

@@ -1,7 +1,6 @@
 /* Writes the frames of a source as OpenEXR files instead of sending them: computed skies and videos for other programs.
  * Thread: one; the caller's. */
-#ifndef FEED_FILES_H
-#define FEED_FILES_H
+#pragma once
 
 #include "clients/feed/reader.h"
 
@@ -10,5 +9,3 @@
  * then, and if Ctrl-C ends it early, the result is ERR_IO. ERR_USAGE: a pattern of no EXR file, one name for many
  * frames, a source that never ends. Errors of source_open and exr_write, which name the file. */
 MUST_CHECK enum err files_write(const struct reader_desc *d, const char *pattern, struct reason *why);
-
-#endif

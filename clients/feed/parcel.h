@@ -1,7 +1,6 @@
 /* A frame in the form in which relight.v1 transmits it: header and payload (PROTOCOL.md 7). Files are sent as they are;
  * texels, and files of kinds that a server does not accept from the network, are sent raw. Thread: one per parcel. */
-#ifndef FEED_PARCEL_H
-#define FEED_PARCEL_H
+#pragma once
 
 #include "codec/frame.h"
 #include "codec/image.h"
@@ -36,5 +35,3 @@ struct parcel {         /* zeroed memory is empty; buffers are reused from frame
  * decoded. ERR_RANGE: exceeds the size of a message, or a frame number above PROTOCOL_NUMBER_MAX. ERR_NOMEM. */
 MUST_CHECK enum err parcel_pack(struct parcel *p, const struct parcel_desc *d, struct reason *why);
 void parcel_finish(struct parcel *p);
-
-#endif

@@ -1,7 +1,6 @@
 /* Reads ahead from a source on a separate thread, so that slow disks, watched folders and computed skies do not delay
  * the connection. Holds at most two parcels, in order. */
-#ifndef FEED_READER_H
-#define FEED_READER_H
+#pragma once
 
 #include "clients/feed/parcel.h"
 #include "source/source.h"
@@ -37,5 +36,3 @@ void reader_drop(struct reader *r); /* releases the oldest parcel */
 bool reader_is_done(struct reader *r);                           /* the source has ended and nothing is held */
 uint64_t reader_total(const struct reader *r);                   /* frames in one pass; 0: unknown or infinite */
 void reader_counts(struct reader *r, struct reader_counts *out); /* thread: any */
-
-#endif

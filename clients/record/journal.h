@@ -1,7 +1,6 @@
 /* The index of recorded images: one JSON object per line, written to disk before the image is acknowledged. Thread:
  * one. */
-#ifndef RECORD_JOURNAL_H
-#define RECORD_JOURNAL_H
+#pragma once
 
 #include "base/err.h"
 
@@ -22,5 +21,3 @@ void journal_close(struct journal *j); /* zeroed memory except fd -1 is allowed 
 /* Appends a line and takes ownership of it. Skips a line that equals the last one in all fields of `key`. ERR_IO,
  * ERR_NOMEM. */
 MUST_CHECK enum err journal_add(struct journal *j, json_t *line, const char *const *key, struct reason *why);
-
-#endif

@@ -7,8 +7,7 @@
  * As a job, the ranks take hours from one counter, compute the cache together, and write the images of their hours;
  * rank 0 writes everything else, with the bits of one process. All need the same folder.
  * One thread of control; light runs on all OpenMP threads. */
-#ifndef ANNUAL_ANNUAL_H
-#define ANNUAL_ANNUAL_H
+#pragma once
 
 #include "base/err.h"
 #include "base/luminance.h"
@@ -32,5 +31,3 @@ struct annual_desc {
 /* Errors are those of daylight_open, points_read, set_create, relighter_run and ledger_open. ERR_USAGE: the source is
  * no weather file, or an image's hour is not among its lit hours. An error of one rank ends all (ranks_agree). */
 MUST_CHECK enum err annual_run(const struct annual_desc *desc, struct reason *why);
-
-#endif

@@ -1,6 +1,5 @@
 /* Data and functions that the files of this room share. Private. One thread. */
-#ifndef ANNUAL_ANNUAL_PARTS_H
-#define ANNUAL_ANNUAL_PARTS_H
+#pragma once
 
 #include "annual/annual.h"
 #include "annual/ledger.h"
@@ -66,5 +65,3 @@ MUST_CHECK enum err annual_pictures_read(struct annual *a, struct reason *why);
 struct annual_picture *annual_picture_of(struct annual *a, const struct moment *m);
 MUST_CHECK enum err annual_picture_write(struct annual *a, const struct moment *m, struct reason *why);
 void annual_picture_name(const struct annual_picture *p, char *out, size_t size); /* "picture-0321-0930" */
-
-#endif

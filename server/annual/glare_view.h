@@ -1,6 +1,5 @@
 /* The daylight glare probability of a fisheye view's images. Thread: one per object. */
-#ifndef ANNUAL_GLARE_VIEW_H
-#define ANNUAL_GLARE_VIEW_H
+#pragma once
 
 #include "daylight/glare.h"
 #include "scene/view.h"
@@ -13,5 +12,3 @@ void glare_view_destroy(struct glare_view *g); /* NULL is allowed */
 
 /* cdm2: [height][width]. ERR_NOMEM. */
 MUST_CHECK enum err glare_view_measure(const struct glare_view *g, const float *cdm2, struct glare *out);
-
-#endif

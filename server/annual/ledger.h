@@ -1,7 +1,6 @@
 /* The tables of a year: hours.csv, a row for each lit moment, and illuminance.csv, the same rows with a column for each
  * sensor. Each row is appended as soon as it is computed, so that a killed run leaves whole rows. Thread: one. */
-#ifndef ANNUAL_LEDGER_H
-#define ANNUAL_LEDGER_H
+#pragma once
 
 #include "base/digest.h"
 #include "base/err.h"
@@ -59,5 +58,3 @@ void ledger_close(struct ledger *l); /* zeroed memory is allowed */
 /* "folder/name" into out[4096 + 64]. */
 void ledger_path(const char *folder, const char *name, char *out);
 #define LEDGER_PATH (4096 + 64)
-
-#endif

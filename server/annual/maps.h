@@ -1,7 +1,6 @@
 /* Images of a year: heat maps over day and hour, values of sensors in plan, luminance in false colour.
  * Thread: any, on separate files. */
-#ifndef ANNUAL_MAPS_H
-#define ANNUAL_MAPS_H
+#pragma once
 
 #include "annual/ledger.h"
 #include "annual/paint.h"
@@ -22,5 +21,3 @@ MUST_CHECK enum err map_sensors(const struct points *points, const double *value
 /* cdm2: [height][width]; lines separate the steps of the legend. */
 MUST_CHECK enum err map_luminance(const float *cdm2, uint32_t width, uint32_t height, const char *title,
                                   const struct paint_scale *scale, const char *path, struct reason *why);
-
-#endif

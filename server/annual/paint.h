@@ -1,7 +1,6 @@
 /* An 8-bit sRGB canvas to paint on: rectangles, capital letters and digits, a colour scale, PNG files.
  * Thread: one per canvas. */
-#ifndef ANNUAL_PAINT_H
-#define ANNUAL_PAINT_H
+#pragma once
 
 #include "base/err.h"
 
@@ -47,5 +46,3 @@ void paint_legend(struct canvas *c, int x, int y, int height, const struct paint
 
 /* Writes a PNG file, whole or not at all. Errors of png_encode and file_store. */
 MUST_CHECK enum err canvas_write(const struct canvas *c, const char *path, struct reason *why);
-
-#endif

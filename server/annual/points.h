@@ -1,7 +1,6 @@
 /* The points of measurement (sensors): read from a file or laid out as a grid over a surface. Thread: any, on
  * separate objects. */
-#ifndef ANNUAL_POINTS_H
-#define ANNUAL_POINTS_H
+#pragma once
 
 #include "base/err.h"
 #include "scene/rays.h"
@@ -31,5 +30,3 @@ void points_finish(struct points *p); /* zeroed memory is allowed */
  * and a quarter meets the back of a surface; others may meet the front of a solid that touches this one. *first: the
  * first of them. The cache's light is meaningless there: its records may cover both sides of a thin wall. */
 size_t points_enclosed(const struct points *p, const struct scene *scene, const struct rays *rays, size_t *first);
-
-#endif

@@ -1,6 +1,5 @@
 /* Vogel's spiral: sample points that divide a disc into equal areas. Thread: any. */
-#ifndef ANNUAL_SPIRAL_H
-#define ANNUAL_SPIRAL_H
+#pragma once
 
 #include "base/vec.h"
 
@@ -17,5 +16,3 @@ static inline struct vec3 spiral_place(struct vec3 w, double radius, int k, int 
     *r = radius * sqrt((k + 0.5) / count);
     return vec3_add(vec3_scale(u, (float)(*r * cos(turn))), vec3_scale(v, (float)(*r * sin(turn))));
 }
-
-#endif

@@ -14,8 +14,7 @@
  *
  * The estimates tell of t, not of d: under the same sky they are kept, and judge the next pictures too. One thread of
  * control. All random numbers follow from the seed, the key and the number of rounds since audit_forget. */
-#ifndef AUDIT_AUDIT_H
-#define AUDIT_AUDIT_H
+#pragma once
 
 #include "base/err.h"
 
@@ -75,5 +74,3 @@ void audit_forget(struct audit *a);
 
 /* rgb: d, float[height][width][3]. */
 void audit_picture(struct audit *a, const struct audit_desc *desc, const float *rgb, struct audit_result *out);
-
-#endif

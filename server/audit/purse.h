@@ -1,7 +1,6 @@
 /* How many rays the audits of a relighter's pictures may trace, and what they may take over from the pictures before.
  * One thread of control. */
-#ifndef AUDIT_PURSE_H
-#define AUDIT_PURSE_H
+#pragma once
 
 #include "env/environment.h"
 
@@ -26,5 +25,3 @@ void purse_spend(struct purse *p, bool live, uint64_t rays);
 /* How much of what is known of the last picture's error is true of this one's, 0..1: 0 unless it was made in the same
  * way, any number that tells ways apart, under nearly the same sky. */
 double purse_like_last(struct purse *p, const struct environment *e, uint64_t way);
-
-#endif

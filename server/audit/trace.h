@@ -1,7 +1,6 @@
 /* Path-traces the light of single pixels for audit.h, from the G-buffer's shade points like the image, but with
  * separate code and random numbers. Thread: any. */
-#ifndef AUDIT_TRACE_H
-#define AUDIT_TRACE_H
+#pragma once
 
 #include "audit/audit.h"
 #include "env/environment.h"
@@ -35,5 +34,3 @@ struct audit_world {
 
 /* audit_desc.trace; self: a struct audit_world. */
 void audit_trace(void *world, const struct audit_question *q, struct audit_light *out);
-
-#endif

@@ -1,6 +1,5 @@
 /* Cancels long computations: the owner sets a flag from any thread, and the computation checks it now and then. */
-#ifndef BASE_CANCEL_H
-#define BASE_CANCEL_H
+#pragma once
 
 #include <stdatomic.h>
 #include <stdbool.h>
@@ -10,5 +9,3 @@ static inline bool is_cancelled(const atomic_bool *cancel)
 {
     return cancel && atomic_load_explicit(cancel, memory_order_relaxed);
 }
-
-#endif

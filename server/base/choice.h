@@ -1,7 +1,6 @@
 /* The names of an enumerated setting's values, one list for each enum: flags, configuration files, control messages,
  * --help and the viewer page all read it. */
-#ifndef BASE_CHOICE_H
-#define BASE_CHOICE_H
+#pragma once
 
 #include "base/err.h"
 
@@ -37,5 +36,3 @@ MUST_CHECK enum err choice_parse(const struct setting_choice *choices, unsigned 
 void choice_list(const struct setting_choice *choices, unsigned program, char *out, size_t size);
 /* Whether a program (a FOR_* bit) is among these; 0 means all. */
 bool choice_has(unsigned programs, unsigned program);
-
-#endif

@@ -1,6 +1,5 @@
 /* Clocks: monotonic time and calendar time. The rooms that compute light must not include this header. Thread: any. */
-#ifndef BASE_CLOCK_H
-#define BASE_CLOCK_H
+#pragma once
 
 #include <stdint.h>
 
@@ -12,5 +11,3 @@ double clock_processor(void);    /* processor time of all threads of this proces
 #define CLOCK_WALL_MAX_US ((INT64_C(1) << 53) - 1) /* the largest time that PROTOCOL.md 1.5 allows: in the year 2255 */
 /* Microseconds since 1970-01-01 UTC, within plus or minus CLOCK_WALL_MAX_US; may step. */
 int64_t clock_wall_us(void);
-
-#endif

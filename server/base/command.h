@@ -1,7 +1,6 @@
 /* Command lines. Tables of settings list a program's flags; parsing, --help, --version, the man page and the shell
  * completion all follow from them. Thread: main. The caller owns the tables. */
-#ifndef BASE_COMMAND_H
-#define BASE_COMMAND_H
+#pragma once
 
 #include "base/setting.h"
 
@@ -76,5 +75,3 @@ void command_print_manual(const struct command *c); /* a man(1) page */
 
 /* command_complete.c: to stdout. shell: bash, zsh or fish; false: another one. */
 bool command_print_completion(const struct command *c, const char *shell);
-
-#endif

@@ -1,8 +1,7 @@
 /* A configuration file: one JSON object [RFC 8259] whose keys are a program's flags without their dashes. A flag with a
  * value takes a string or a number; a switch takes true or false.
  * Thread: one at a time. Strings that are returned belong to the configuration and live as long as it does. */
-#ifndef BASE_CONFIG_H
-#define BASE_CONFIG_H
+#pragma once
 
 #include "base/err.h"
 #include "base/command.h"
@@ -36,5 +35,3 @@ MUST_CHECK enum err config_apply(const struct config *c, size_t index, struct co
 
 /* Prefixes *why with file, line and key: "F:3: port: '0' is ...". Returns e. */
 enum err config_add_location(const struct config *c, size_t index, enum err e, struct reason *why);
-
-#endif

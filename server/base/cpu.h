@@ -1,7 +1,6 @@
 /* x86-64 micro-architecture levels. Rooms that build a kernel for several levels select one here, so that --cpu LEVEL
  * lowers all of them. Other architectures have the baseline only. Thread: any. */
-#ifndef BASE_CPU_H
-#define BASE_CPU_H
+#pragma once
 
 #include "base/err.h"
 
@@ -41,5 +40,3 @@ extern const char *const cpu_names[CPU_LEVELS]; /* "baseline", "v3", "v4" */
 
 /* Finds a level by name; NULL means the highest. ERR_USAGE: unknown, or not supported by this CPU. */
 MUST_CHECK enum err cpu_select(const char *name, enum cpu_level *out, struct reason *why);
-
-#endif

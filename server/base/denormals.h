@@ -1,7 +1,6 @@
 /* Denormals take a hundred cycles and contribute no visible light. They are flushed to zero in every thread, so that
  * results agree. Thread: affects the calling thread only. */
-#ifndef BASE_DENORMALS_H
-#define BASE_DENORMALS_H
+#pragma once
 
 #ifdef __x86_64__
 #include <pmmintrin.h>
@@ -27,5 +26,3 @@ static inline void denormals_restore(unsigned before)
     (void)before;
 #endif
 }
-
-#endif

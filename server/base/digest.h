@@ -1,8 +1,7 @@
 /* 128-bit digests (XXH3 of xxHash) that identify what a cached file was computed from. They detect accidental changes;
  * they do not resist an attacker who constructs collisions. The result is the same on all little-endian processors.
  * Thread: any, one thread per digest. */
-#ifndef BASE_DIGEST_H
-#define BASE_DIGEST_H
+#pragma once
 
 #include <stddef.h>
 #include <stdint.h>
@@ -18,5 +17,3 @@ void digest_bytes(struct digest *d, const void *bytes, size_t size);
 
 /* Adds a number as its 8 bytes in native byte order. */
 void digest_u64(struct digest *d, uint64_t value);
-
-#endif

@@ -2,8 +2,7 @@
  * A function that can fail returns `enum err`; 0 is success. A function that reads external data also takes a
  * `struct reason *`: the function that detects the error writes one line there (what, where, why), callers pass it on,
  * and only the program's outermost layer prints it or sends it to a client. Thread: any. */
-#ifndef BASE_ERR_H
-#define BASE_ERR_H
+#pragma once
 
 #define MUST_CHECK __attribute__((warn_unused_result))
 #define PRINTF_LIKE(text, first) __attribute__((format(printf, text, first)))
@@ -33,5 +32,3 @@ enum err err_say(struct reason *why, enum err e, const char *format, ...) PRINTF
 
 /* The exit code of a program that ended with e: 0 for ERR_OK, 2 for ERR_USAGE, 1 otherwise. */
 int err_exit_code(enum err e);
-
-#endif

@@ -1,6 +1,5 @@
 /* Names of numbered files: "image.%04d.exr". A pattern has at most one %d or %0Nd and no other '%'. Thread: any. */
-#ifndef BASE_FILE_PATTERN_H
-#define BASE_FILE_PATTERN_H
+#pragma once
 
 #include "base/err.h"
 
@@ -22,5 +21,3 @@ MUST_CHECK enum err file_pattern_parse(const char *text, const char *flag, struc
 /* Writes the name of file `number` into name[size]. ERR_USAGE: the name does not fit. */
 MUST_CHECK enum err file_pattern_name(const struct file_pattern *p, uint64_t number, char *name, size_t size,
                                       struct reason *why);
-
-#endif

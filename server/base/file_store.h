@@ -2,8 +2,7 @@
  * to NAME and syncs the folder. After ERR_OK the file survives a power failure. After an error or a kill the old file
  * is intact; at most a .part file remains, which the next writer of that name reuses. Thread: any, but one at a time
  * within a process. Several processes may write to one name; the last one wins. */
-#ifndef BASE_FILE_STORE_H
-#define BASE_FILE_STORE_H
+#pragma once
 
 #include "base/err.h"
 
@@ -46,5 +45,3 @@ struct file_part {
 };
 /* Errors of file_store. */
 MUST_CHECK enum err file_store_parts(const char *path, const struct file_part *parts, size_t count, struct reason *why);
-
-#endif

@@ -1,6 +1,5 @@
 /* Output folders. Thread: any. */
-#ifndef BASE_FOLDER_H
-#define BASE_FOLDER_H
+#pragma once
 
 #include "base/err.h"
 
@@ -12,5 +11,3 @@ MUST_CHECK enum err folder_make(const char *path, struct reason *why);
 /* Writes the cache folder of `program` into path[size]: $XDG_CACHE_HOME/program, else $HOME/.cache/program. Does not
  * create it. ERR_USAGE: neither variable is set. ERR_IO: the path is too long. */
 MUST_CHECK enum err folder_cache(const char *program, char *path, size_t size, struct reason *why);
-
-#endif

@@ -1,7 +1,6 @@
 /* Half floats (IEEE 754 binary16), as EXR files and the caches of light store them. Integer arithmetic gives the bits
  * of the processor's own instructions without denormals, which shading flushes to zero. Thread: any. */
-#ifndef BASE_HALF_H
-#define BASE_HALF_H
+#pragma once
 
 #include <stdint.h>
 #include <string.h>
@@ -44,5 +43,3 @@ static inline uint16_t half_round(float f)
     const uint32_t half = (((small & is_small) | (normal & ~is_small)) & is_finite) | (large & ~is_finite);
     return (uint16_t)(sign | half);
 }
-
-#endif

@@ -2,8 +2,7 @@
  * fills a free slot and publishes it; the reader takes the newest published slot; publishing drops a slot that was not
  * taken. The reader may take the slot for its next turn early. The caller owns the contents of the slots, which are
  * numbered 0..2; a reader that takes slots early needs 0..3. */
-#ifndef BASE_HANDOFF_H
-#define BASE_HANDOFF_H
+#pragma once
 
 #include <pthread.h>
 #include <stdbool.h>
@@ -52,5 +51,3 @@ void handoff_release(struct handoff *h, int slot);
 
 void handoff_close(struct handoff *h);     /* wakes both sides; every later wait fails at once. Thread: any. */
 bool handoff_is_closed(struct handoff *h); /* thread: any */
-
-#endif

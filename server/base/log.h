@@ -1,8 +1,7 @@
 /* The log: one line per event on standard error, as `relightd: warning: text` or in a machine-readable format.
  * Thread: any, except log_init and log_configure. Lines are never interleaved. Control characters, which may come from
  * outside, are written as '?'. */
-#ifndef BASE_LOG_H
-#define BASE_LOG_H
+#pragma once
 
 #include "base/choice.h"
 
@@ -74,5 +73,3 @@ void log_line(struct log_site *site, enum log_level level, const char *format, .
 #define log_warning(...) log_at(LOG_WARNING, __VA_ARGS__)
 #define log_info(...) log_at(LOG_INFO, __VA_ARGS__)
 #define log_debug(...) log_at(LOG_DEBUG, __VA_ARGS__)
-
-#endif

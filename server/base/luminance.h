@@ -1,7 +1,6 @@
 /* Photometric units of images: linear Rec.709 in W sr^-1 m^-2 to luminance in cd m^-2, by Radiance's convention of
  * 179 lm/W for white [Ward 1994]. Thread: any. */
-#ifndef BASE_LUMINANCE_H
-#define BASE_LUMINANCE_H
+#pragma once
 
 #define LUMINOUS_EFFICACY 179.0 /* lm/W: luminance in cd m^-2 over the radiance of white */
 
@@ -17,5 +16,3 @@ static inline double luminance_of(enum luminance_weights w, const double rgb[3])
     return w == LUMINANCE_RADIANCE ? 0.265 * rgb[0] + 0.670 * rgb[1] + 0.065 * rgb[2]
                                    : 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
 }
-
-#endif

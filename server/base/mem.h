@@ -1,7 +1,6 @@
 /* The server's allocator: zeroed memory, aligned to 64 bytes (a cache line, a vector of 16 floats), with overflow
  * checks. The caller owns the block and frees it with mem_free. Thread: any. */
-#ifndef BASE_MEM_H
-#define BASE_MEM_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -33,5 +32,3 @@ void mem_free(void *p); /* NULL is allowed */
 /* Returns free memory of all allocator arenas to the system. May take some milliseconds; call it after a change of
  * working-set size. */
 void mem_trim(void);
-
-#endif

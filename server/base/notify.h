@@ -1,7 +1,6 @@
 /* Status messages to the service manager, as systemd's sd_notify(3): one datagram to the socket named by NOTIFY_SOCKET.
  * Does nothing if the variable is unset or no one listens. Thread: any. */
-#ifndef BASE_NOTIFY_H
-#define BASE_NOTIFY_H
+#pragma once
 
 #include "base/err.h"
 
@@ -16,5 +15,3 @@ bool notify_send(const char *format, ...) PRINTF_LIKE(1, 2);
 
 /* The interval within which WATCHDOG=1 must be sent repeatedly, in microseconds; 0 if the watchdog is off. */
 uint64_t notify_watchdog_us(void);
-
-#endif

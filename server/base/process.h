@@ -1,6 +1,5 @@
 /* Resource usage of this process, as the system reports it. Thread: any. */
-#ifndef BASE_PROCESS_H
-#define BASE_PROCESS_H
+#pragma once
 
 #include <stdint.h>
 
@@ -18,5 +17,3 @@ void process_usage(struct process_usage *out); /* reads the current values */
 /* The number of descriptors, at most `wanted`, that the process may use for connections besides its other files. Logs
  * a warning if that is fewer. */
 uint32_t process_connections_allowed(uint32_t wanted);
-
-#endif

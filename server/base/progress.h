@@ -1,8 +1,7 @@
 /* A progress line for long computations: `rendering  12/67  18 %  0:42 left`, redrawn in place at most ten times a
  * second on a terminal; elsewhere a line of the log every ten seconds. One line per process at a time.
  * Thread: any for progress_step; the other functions belong to the thread that owns the line. */
-#ifndef BASE_PROGRESS_H
-#define BASE_PROGRESS_H
+#pragma once
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -44,5 +43,3 @@ void progress_show(FILE *stream, const char *text);
 /* The control sequence to print before another line on `stream`, so that it does not mix with a progress line; may be
  * "". */
 const char *progress_wipe(FILE *stream);
-
-#endif

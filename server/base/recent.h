@@ -1,7 +1,6 @@
 /* Decides when to free a buffer that is reused from frame to frame: it compares the buffer's size with what the last
  * RECENT_FRAMES frames needed, so that one large frame does not pin its memory. Thread: that of the buffer's owner. */
-#ifndef BASE_RECENT_H
-#define BASE_RECENT_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -29,5 +28,3 @@ static inline bool recent_is_outgrown(const struct recent *r, size_t bytes)
         outgrown = outgrown && bytes / 4 > r->bytes[i];
     return outgrown;
 }
-
-#endif

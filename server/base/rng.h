@@ -1,7 +1,6 @@
 /* Counter-based random numbers: the same seed, pass and index give the same number in any thread and any order. Thread:
  * any; one thread per struct rng. */
-#ifndef BASE_RNG_H
-#define BASE_RNG_H
+#pragma once
 
 #include <stdint.h>
 
@@ -45,5 +44,3 @@ void rng_sobol2(uint64_t seed, uint32_t index, double out[2]);
 /* A shuffled order of the sequence in which every aligned block of 2^k points remains a block, so that the pairs of
  * numbers a path takes from two sequences are independent, and each sequence remains progressive [Burley 2020]. */
 uint32_t rng_shuffled(uint64_t seed, uint32_t index);
-
-#endif

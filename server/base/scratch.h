@@ -2,8 +2,7 @@
  * block that is kept for the next file, so that after a few similar files nothing comes from the system. The block
  * grows to twice the peak use of a file, at most SCRATCH_MAX; what does not fit comes from mem_alloc. Thread: one at a
  * time. */
-#ifndef BASE_SCRATCH_H
-#define BASE_SCRATCH_H
+#pragma once
 
 #include <stddef.h>
 
@@ -20,5 +19,3 @@ void scratch_begin(struct scratch *s); /* NULL is allowed */
 /* As mem_alloc(bytes, 1) and mem_free; exactly these if s is NULL. */
 void *scratch_alloc(struct scratch *s, size_t bytes);
 void scratch_free(struct scratch *s, void *p); /* p may be NULL */
-
-#endif

@@ -1,8 +1,7 @@
 /* Settings as rows of a table: one row defines the flag, the key of the configuration file, the --help and manual
  * text, the field of control messages with its range and clause of PROTOCOL.md, and where the value is stored. Rows
  * are constant and shared; values are plain structs of the caller's. Functions of their arguments, any thread. */
-#ifndef BASE_SETTING_H
-#define BASE_SETTING_H
+#pragma once
 
 #include "base/choice.h"
 
@@ -123,5 +122,3 @@ struct json_t *settings_ranges(const struct setting *rows, unsigned program);
 
 /* One more request of the same controller: as if the first had been obeyed before the second. */
 void settings_join(const struct setting *rows, uint32_t *asked, void *values, uint32_t then, const void *then_values);
-
-#endif

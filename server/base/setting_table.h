@@ -1,6 +1,5 @@
 /* Short words for the rows of a table of settings; for the file that defines one, after all other headers. */
-#ifndef BASE_SETTING_TABLE_H
-#define BASE_SETTING_TABLE_H
+#pragma once
 
 #include "base/command.h"
 
@@ -17,5 +16,3 @@
 #define CHOICE(list) .type = SETTING_CHOICE, .choices = list
 #define TEXT .type = SETTING_TEXT
 #define TEXTS .type = SETTING_TEXTS
-
-#endif

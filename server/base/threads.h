@@ -1,6 +1,5 @@
 /* Prepares the threads of libraries (OpenMP, TBB, OpenBLAS) and tests whether the system can start them. */
-#ifndef BASE_THREADS_H
-#define BASE_THREADS_H
+#pragma once
 
 #include "base/err.h"
 
@@ -15,5 +14,3 @@ void threads_wait_passively(char **argv);
 /* Whether `count` more threads can run, which is tested by starting and ending them: OpenMP and TBB abort the program
  * if a thread cannot be started. *why names the limit. Any thread. */
 MUST_CHECK bool threads_can_start(unsigned count, struct reason *why);
-
-#endif

@@ -1,6 +1,5 @@
 /* Three-component float vectors: a point (m), a direction, or linear Rec.709. Thread: any. */
-#ifndef BASE_VEC_H
-#define BASE_VEC_H
+#pragma once
 
 #include <math.h>
 
@@ -81,5 +80,3 @@ static inline float rgb_luminance(float r, float g, float b)
 {
     return 0.2126f * r + 0.7152f * g + 0.0722f * b;
 }
-
-#endif

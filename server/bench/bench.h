@@ -1,8 +1,7 @@
 /* Measures each stage of the pipeline, and the whole pipeline, against its bare limit in one process. Both are timed
  * in turns, and the report has medians over the rounds, so that a noisy machine does not decide the result. Main
  * thread. */
-#ifndef BENCH_BENCH_H
-#define BENCH_BENCH_H
+#pragma once
 
 #include "base/err.h"
 #include "estimators/method.h"
@@ -86,5 +85,3 @@ bool bench_holds(const struct bench_row *row);
 /* Prints the report as a table for people, or as JSON. */
 void bench_print_table(const struct bench_report *r, FILE *to);
 void bench_print_json(const struct bench_report *r, FILE *to);
-
-#endif

@@ -1,6 +1,5 @@
 /* Data and functions that the rows share. Private to this room; main thread. */
-#ifndef BENCH_BENCH_PARTS_H
-#define BENCH_BENCH_PARTS_H
+#pragma once
 
 #include "bench/bench.h"
 #include "film/film.h"
@@ -134,5 +133,3 @@ MUST_CHECK enum err subdivide(struct scene *s, int times);
 /* Calls of the C library's allocator so far, by any library on any thread of this process. False where they cannot be
  * counted: in builds with sanitizers, which have an allocator of their own. */
 bool allocations_count(uint64_t *out);
-
-#endif

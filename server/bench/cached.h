@@ -1,7 +1,6 @@
 /* The cache and the references that the rows of the light-transport cache share; the first row builds them. Private
  * to this room; main thread. */
-#ifndef BENCH_CACHED_H
-#define BENCH_CACHED_H
+#pragma once
 
 #include "bench/bench_parts.h"
 #include "chart/judge.h"
@@ -48,5 +47,3 @@ void cached_truth_finish(struct cached_truth *t);
 
 /* relMSE of x against both (chart/judge.h). ERR_NOMEM. */
 MUST_CHECK enum err cached_rel_mse(const struct bench *b, const struct cached_truth *t, const float *x, double *out);
-
-#endif

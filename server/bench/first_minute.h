@@ -1,7 +1,6 @@
 /* One live view of relight-bench --first-minute: a scene under a still sky, from the start of the process on.
  * Private to the room. Main thread. */
-#ifndef BENCH_FIRST_MINUTE_H
-#define BENCH_FIRST_MINUTE_H
+#pragma once
 
 #include "bench/bench.h"
 
@@ -37,5 +36,3 @@ struct first_minute_result { /* times in seconds; below 0: not reached */
 MUST_CHECK enum err first_minute_run(const struct bench_desc *desc, const char *folder, const char *finished,
                                      double least_s, bool until_complete, struct first_minute_result *out,
                                      struct reason *why);
-
-#endif

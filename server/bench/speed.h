@@ -1,6 +1,5 @@
 /* The figures of relight-bench --speed: one scene at one size and CPU level. Private to the room. Main thread. */
-#ifndef BENCH_SPEED_H
-#define BENCH_SPEED_H
+#pragma once
 
 #include "bench/bench.h"
 
@@ -38,5 +37,3 @@ struct speed_case {
  * out: scene filled. Errors as bench_run's. */
 MUST_CHECK enum err speed_measure(const struct bench_desc *desc, bool judge, struct speed_case *out,
                                   struct reason *why);
-
-#endif

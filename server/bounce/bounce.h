@@ -15,8 +15,7 @@
  *
  * One struct bounce per thread of control. bounce_create and bounce_shade_part run on all OpenMP threads and give the
  * same bits at any number of them. */
-#ifndef BOUNCE_BOUNCE_H
-#define BOUNCE_BOUNCE_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/err.h"
@@ -91,5 +90,3 @@ const struct bounce_stats *bounce_stats(const struct bounce *b);
 /* Packets that the cache omits, ascending: their lobes are so narrow that the records would be visible as reflections.
  * Valid as long as b. */
 const struct packet_list *bounce_left(const struct bounce *b);
-
-#endif

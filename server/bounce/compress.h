@@ -1,7 +1,6 @@
 /* Compresses a group of blocks to T = U W V with a common V. Private to the cache of indirect light. Thread: one per
  * workspace. */
-#ifndef BOUNCE_COMPRESS_H
-#define BOUNCE_COMPRESS_H
+#pragma once
 
 #include "bounce/parts.h"
 
@@ -18,5 +17,3 @@ void bounce_compress_block(struct bounce_workspace *w, uint32_t slot, uint32_t r
                            const float *scale, double least);
 MUST_CHECK enum err bounce_compress_end(struct bounce_workspace *w, struct bounce_group *g, struct bounce_block *blocks,
                                         uint32_t row, double least);
-
-#endif

@@ -1,7 +1,6 @@
 /* Stores the cache of indirect light in a file (cache/cache_file.h), next to the cache of direct light. A loaded cache
  * has the same bits as the saved one. Thread: one per reader and writer. */
-#ifndef BOUNCE_FILE_H
-#define BOUNCE_FILE_H
+#pragma once
 
 #include "bounce/bounce.h"
 #include "cache/cache_file.h"
@@ -17,5 +16,3 @@ void bounce_save(const struct bounce *b, const struct digest *key, struct cache_
 /* Loads the result of bounce_create. The caller frees *out with bounce_destroy. Errors are those of transport_load. */
 MUST_CHECK enum err bounce_load(struct cache_reader *r, const struct digest *key, const struct bounce_desc *desc,
                                 const struct kernels *kernels, struct bounce **out, struct reason *why);
-
-#endif

@@ -2,8 +2,7 @@
  * colour, whose product with the K coefficients of the sky is the radiance. `sources` holds the rows of the records,
  * followed by the rows of the cells, for paths that leave the scene. Thread: one per object, unless stated
  * otherwise. */
-#ifndef BOUNCE_PARTS_H
-#define BOUNCE_PARTS_H
+#pragma once
 
 #include "bounce/bounce.h"
 #include "brdf/lobe.h"
@@ -296,5 +295,3 @@ MUST_CHECK enum err bounce_load_group(struct cache_reader *r, struct bounce *b, 
 
 /* Sorts the blocks into groups of similar ones. ERR_NOMEM. */
 MUST_CHECK enum err bounce_group(struct bounce *b, const struct bounce_desc *d);
-
-#endif

@@ -1,8 +1,7 @@
 /* Smooths the noise of the gather over a group of blocks. Private to the cache of indirect light. Thread: one per
  * smoother.
  */
-#ifndef BOUNCE_SMOOTH_H
-#define BOUNCE_SMOOTH_H
+#pragma once
 
 #include "bounce/parts.h"
 
@@ -26,5 +25,3 @@ void bounce_smooth(struct bounce_smoother *s, uint32_t blocks, uint32_t reach, u
 /* The sum of the weights, 0..1, of all points that are averaged with point p, from a quarter of them; blocks and reach
  * as in bounce_smooth. */
 float bounce_alike(const struct bounce_smoother *s, uint32_t blocks, uint32_t reach, uint32_t p);
-
-#endif

@@ -1,6 +1,5 @@
 /* Arithmetic on 16 lanes at once, in plain C that the compiler vectorises. Included only by the kernels. */
-#ifndef BRDF_LANES_H
-#define BRDF_LANES_H
+#pragma once
 
 #include "scene/rays.h"
 
@@ -84,5 +83,3 @@ static inline float lane_power(float x, float n)
     const float p = lane_exp2(n * lane_log2(held));
     return x > 0.0f ? p : 0.0f;
 }
-
-#endif

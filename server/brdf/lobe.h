@@ -1,8 +1,7 @@
 /* The BRDF (D lobe) of one surface point, one direction at a time, in double precision: the same models as lobes.h, for
  * estimators that trace paths. wo points to the eye's side, wi to the light's side; both are unit and point away from
  * the surface. Thread: any. */
-#ifndef BRDF_LOBE_H
-#define BRDF_LOBE_H
+#pragma once
 
 #include "scene/gbuffer.h"
 #include "scene/scatter.h"
@@ -41,5 +40,3 @@ struct vec3 frame_direction(struct vec3 n, double x, double y, double z);
 
 /* Two unit vectors that complete n (unit) to a right-handed orthonormal frame. */
 void frame_about(struct vec3 n, struct vec3 *t, struct vec3 *u);
-
-#endif

@@ -10,8 +10,7 @@
  * - (1 - c)^5 is the share of light, but for a constant in `diffuse` (material.h), that passes the surface on its way
  * in and out; glTF's own 1 - F(h.w) reflects up to 1.29 of the incident light at grazing angles, this at most 1. The
  * lobe is sampled by visible normals [Dupuy and Benyoub 2023]. gloss is alpha, specular is F at normal incidence. */
-#ifndef BRDF_LOBES_H
-#define BRDF_LOBES_H
+#pragma once
 
 #include "scene/gbuffer.h"
 #include "brdf/lanes.h"
@@ -269,5 +268,3 @@ static inline void lobes_sample(const struct lobes *s, const struct shade_packet
     if (p->kind == LOBE_GGX)
         sample_visible_normals(s, p, square, d);
 }
-
-#endif

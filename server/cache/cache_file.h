@@ -5,8 +5,7 @@
  *
  * A room that saves a table writes a section with cache_writer_section and any number of cache_writer_put, and reads it
  * with cache_reader_find, cache_reader_get and cache_reader_end. Thread: one per writer and reader. */
-#ifndef CACHE_CACHE_FILE_H
-#define CACHE_CACHE_FILE_H
+#pragma once
 
 #include "base/digest.h"
 #include "base/err.h"
@@ -62,5 +61,3 @@ MUST_CHECK enum err cache_reader_end(struct cache_reader *r, struct reason *why)
 
 /* Returns ERR_FORMAT with the reason that a section contains impossible numbers, for readers that find some. */
 enum err cache_reader_refuse(const struct cache_reader *r, struct reason *why);
-
-#endif

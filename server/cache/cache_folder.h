@@ -1,8 +1,7 @@
 /* The folder of --cache-dir, which several programs and users' services share: files of tables (cache_file.h) whose
  * names contain a digest of everything they depend on. Its size is limited; the least recently used files are deleted
  * first. Thread: any. */
-#ifndef CACHE_CACHE_FOLDER_H
-#define CACHE_CACHE_FOLDER_H
+#pragma once
 
 #include "base/err.h"
 
@@ -31,5 +30,3 @@ void cache_folder_touch(const char *file);
  * ERR_RANGE: `more` exceeds the limit by itself; nothing was deleted. */
 MUST_CHECK enum err cache_folder_trim(const char *path, const char *keep, uint64_t more, uint64_t limit,
                                       struct reason *why);
-
-#endif

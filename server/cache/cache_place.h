@@ -1,7 +1,6 @@
 /* The path of a scene's cache file: either a given path, or a file in the cache folder whose name contains a digest of
  * everything that the cache depends on. Thread: any. */
-#ifndef CACHE_CACHE_PLACE_H
-#define CACHE_CACHE_PLACE_H
+#pragma once
 
 #include "base/digest.h"
 #include "base/err.h"
@@ -30,5 +29,3 @@ MUST_CHECK enum err cache_place_find(const struct cache_view *view, const char *
 /* Call it before storing a file of `bytes`: creates the folder and frees room in it. ERR_IO: the folder does not exist
  * or cannot be written; ERR_RANGE: the file is too large for the cache folder. */
 MUST_CHECK enum err cache_place_prepare(const struct cache_place *p, uint64_t bytes, struct reason *why);
-
-#endif

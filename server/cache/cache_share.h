@@ -1,8 +1,7 @@
 /* Several processes that compute one cache together. A cache consists of units, such as its blocks. Each process
  * computes every `count`-th unit, then each passes its units to the others, and each keeps the units that it needs. The
  * bits are those of one process. Process 0 has all units until the cache is stored. */
-#ifndef CACHE_CACHE_SHARE_H
-#define CACHE_CACHE_SHARE_H
+#pragma once
 
 #include "base/err.h"
 
@@ -41,5 +40,3 @@ static inline bool cache_share_takes_all(const struct cache_share *s)
 {
     return !s || s->index == 0;
 }
-
-#endif

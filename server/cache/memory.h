@@ -1,7 +1,6 @@
 /* The memory limit of --cache-memory. Both caches share one limit: direct light takes its share first, indirect light
  * gets the rest. All sizes are in bytes that a cache keeps once it is built. Pure functions; any thread. */
-#ifndef CACHE_MEMORY_H
-#define CACHE_MEMORY_H
+#pragma once
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -28,5 +27,3 @@ static inline uint64_t cache_memory_rest(uint64_t max_bytes, uint64_t taken)
 
     return limit > taken ? limit - taken : 1;
 }
-
-#endif

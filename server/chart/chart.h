@@ -1,7 +1,6 @@
 /* The whole chart: every scene under every sky in every class of light. Files are written after each panel, so that an
  * interrupted run leaves a shorter chart. Main thread; uses all OpenMP threads. */
-#ifndef CHART_CHART_H
-#define CHART_CHART_H
+#pragma once
 
 #include "base/err.h"
 #include "ranks/ranks.h"
@@ -46,5 +45,3 @@ MUST_CHECK enum err chart_read_budgets(const char *list, uint32_t *out, uint32_t
 /* The next element of a list into title and spec: "noon=sky:hour=12" has the title "noon"; by default a file's title is
  * its name without folder and ending, and that of other sources the whole spec. Advances *list; false at its end. */
 bool chart_next_item(const char **list, char title[128], char spec[4096]);
-
-#endif

@@ -1,6 +1,5 @@
 /* Every point of every panel as a row of CSV [RFC 4180] below a header row; times in milliseconds. Any thread. */
-#ifndef CHART_CSV_H
-#define CHART_CSV_H
+#pragma once
 
 #include "chart/panel.h"
 #include "chart/text.h"
@@ -10,5 +9,3 @@ void csv_points(struct text *t, const struct panel *const *panels, size_t count)
 
 /* One row for each run, from which the whole chart can be computed again. */
 void csv_runs(struct text *t, const struct panel *const *panels, size_t count);
-
-#endif

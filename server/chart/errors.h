@@ -1,6 +1,5 @@
 /* The errors that are charted. To add one, add a value here, a row in errors.c and a line in errors_of. Any thread. */
-#ifndef CHART_ERRORS_H
-#define CHART_ERRORS_H
+#pragma once
 
 #include "chart/judge.h"
 
@@ -27,5 +26,3 @@ const struct error_about *error_about(enum error_kind kind);
  * judge_pairs. ERR_NOMEM. */
 MUST_CHECK enum err errors_of(const struct judge *j, const uint8_t *mask, const float *const *x, const double *pairs,
                               uint32_t n, double *out);
-
-#endif

@@ -5,8 +5,7 @@
  * it cancels, where (x - r)^2 would add it. Such an error may be below 0 where x is better than the references can
  * tell; `doubt` says where that begins. Pictures are float[height][width][3], linear. Sums are in fixed order: the same
  * bits at any number of threads. */
-#ifndef CHART_JUDGE_H
-#define CHART_JUDGE_H
+#pragma once
 
 #include "base/err.h"
 
@@ -60,5 +59,3 @@ void judge_floor(const struct judge *j, const double *pairs, const double *lumin
 
 /* Mean luminance over the pixels that count, over that of r. */
 double judge_energy(const struct judge *j, const float *x);
-
-#endif

@@ -1,6 +1,5 @@
 /* The machine, date and build of a measurement, without which times mean nothing. */
-#ifndef CHART_MACHINE_H
-#define CHART_MACHINE_H
+#pragma once
 
 struct machine {
     char cpu[128]; /* as the system names it, else "unknown" */
@@ -13,5 +12,3 @@ struct machine {
 
 /* level: of the kernels in use. Reads /proc/cpuinfo. Any thread. */
 void machine_describe(struct machine *m, const char *level);
-
-#endif

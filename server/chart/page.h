@@ -1,8 +1,7 @@
 /* The report for people: one self-contained HTML file. First it says which method to choose; then comes a panel for
  * each scene, sky and class of light, with charts, pictures at equal time and a table; last, how it was made. Main
  * thread. */
-#ifndef CHART_PAGE_H
-#define CHART_PAGE_H
+#pragma once
 
 #include "chart/machine.h"
 #include "chart/panel.h"
@@ -33,5 +32,3 @@ void page_svg_name(const struct panel *p, size_t number, enum error_kind kind, c
 /* The style sheet, and a technique's colour with its name. */
 extern const char page_style[];
 void page_add_swatch(struct text *t, const struct technique *q); /* its colour and name */
-
-#endif

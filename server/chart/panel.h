@@ -1,7 +1,6 @@
 /* One panel of the chart: a scene under a sky in one class of light, with the results of every technique at every
  * budget. panel_measure fills it; then it is only read. One thread of control. */
-#ifndef CHART_PANEL_H
-#define CHART_PANEL_H
+#pragma once
 
 #include "chart/errors.h"
 #include "chart/judge.h"
@@ -109,5 +108,3 @@ struct curve panel_curve_of(const struct panel *p, size_t curve, enum error_kind
 
 /* "noon, direct light" and the like, for people. */
 void panel_title(const struct panel *p, char *title, size_t size);
-
-#endif

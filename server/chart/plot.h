@@ -1,7 +1,6 @@
 /* Charts by gnuplot: error over time, both logarithmic, a line for each technique with its 10-90 % band, and a guide
  * with the slope that more samples give. One thread at a time. */
-#ifndef CHART_PLOT_H
-#define CHART_PLOT_H
+#pragma once
 
 #include "chart/panel.h"
 #include "chart/text.h"
@@ -16,5 +15,3 @@ MUST_CHECK enum err plot_draw(const struct panel *p, enum error_kind kind, const
  * becomes the page's text colour. ERR_IO, ERR_FORMAT. */
 MUST_CHECK enum err plot_inline(struct text *t, const char *svg, const char *prefix, const char *label,
                                 struct reason *why);
-
-#endif

@@ -1,7 +1,6 @@
 /* Statistics of curves of error over time: quantiles over seeds, interpolation, the lower envelope of several curves,
  * and with which confidence another stays near it. Pure functions; any thread. */
-#ifndef CHART_SERIES_H
-#define CHART_SERIES_H
+#pragma once
 
 #include "base/err.h"
 
@@ -49,5 +48,3 @@ MUST_CHECK enum err series_envelope(const struct curve *others, uint32_t count, 
 
 /* Medians of a curve's points, in ascending order of time: seconds[points], errors[points]. ERR_NOMEM. */
 MUST_CHECK enum err series_medians(const struct curve *c, double *seconds, double *errors);
-
-#endif

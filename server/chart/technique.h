@@ -1,7 +1,6 @@
 /* The techniques that are compared: named ways of lighting a picture, and what a budget means for each. Constant
  * tables; any thread may read them, and run techniques on a relighter of its own. */
-#ifndef CHART_TECHNIQUE_H
-#define CHART_TECHNIQUE_H
+#pragma once
 
 #include "base/err.h"
 #include "light/decide.h"
@@ -74,5 +73,3 @@ struct technique_cost {
  * layout of sky. */
 MUST_CHECK enum err technique_run(const struct technique *t, const struct technique_stage *stage, uint32_t budget,
                                   uint64_t seed, float *rgb, struct technique_cost *cost, struct reason *why);
-
-#endif

@@ -1,7 +1,6 @@
 /* Text that grows in memory and is stored whole. A zeroed struct text is empty. Out of memory, the text stays as it is
  * and `failed` is set, which text_store reports. One thread at a time. */
-#ifndef CHART_TEXT_H
-#define CHART_TEXT_H
+#pragma once
 
 #include "base/err.h"
 
@@ -33,5 +32,3 @@ void text_add_base64(struct text *t, const uint8_t *bytes, size_t size);
 
 /* As base/file_store.h does it; ERR_NOMEM where something could not be added. */
 MUST_CHECK enum err text_store(const struct text *t, const char *path, struct reason *why);
-
-#endif

@@ -1,6 +1,5 @@
 /* Small pictures within a page: JPEG in data: addresses. One thread at a time per encoder. */
-#ifndef CHART_THUMB_H
-#define CHART_THUMB_H
+#pragma once
 
 #include "codec/jpeg.h"
 #include "chart/panel.h"
@@ -10,5 +9,3 @@
  * from 0.1 % (black) over violet and red to 100 % (pale yellow), grey where nothing is compared. ERR_NOMEM. */
 MUST_CHECK enum err thumb_picture(struct text *t, struct jpeg_encoder *j, const struct panel *p, const float *rgb);
 MUST_CHECK enum err thumb_errors(struct text *t, struct jpeg_encoder *j, const struct panel *p, const float *rgb);
-
-#endif

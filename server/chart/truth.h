@@ -6,8 +6,7 @@
  * A reference is made in parts. After each part its sum is stored in a cache folder (cache/cache_file.h) under a name
  * that is the digest of scene, camera, size, sky, classes of light, seed and version. An interrupted run continues from
  * there; a damaged file is refused with a warning, and the reference made again. One thread of control. */
-#ifndef CHART_TRUTH_H
-#define CHART_TRUTH_H
+#pragma once
 
 #include "base/err.h"
 #include "codec/frame.h"
@@ -44,5 +43,3 @@ void truth_finish(struct truth *t); /* zeroed memory is allowed */
 
 /* The file that keeps reference `half` of these, into name[size]. */
 void truth_name(const struct truth_desc *desc, int half, char *name, size_t size);
-
-#endif

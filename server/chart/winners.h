@@ -1,7 +1,6 @@
 /* Which techniques win at equal time, at equal error and over all panels, and how far the others are behind. Pure
  * functions of panels; any thread. */
-#ifndef CHART_WINNERS_H
-#define CHART_WINNERS_H
+#pragma once
 
 #include "chart/panel.h"
 
@@ -56,5 +55,3 @@ struct ranking {
  * their winners, of any class; room for TECHNIQUES_MAX. Returns how many. */
 size_t winners_rank(const struct panel *const *panels, const struct winners *winners, size_t panel_count,
                     enum light_class light_class, struct ranking out[TECHNIQUES_MAX]);
-
-#endif

@@ -10,8 +10,7 @@
  * For a time T the sum of E is minimal when an additional second lowers the error of every part equally [Everett 1963]:
  *     n = k sqrt(V / b), with one k for all parts [Cochran 1977, section 5.5].
  * Time increases and error decreases with k, so bisection finds it. */
-#ifndef CHOOSE_BUDGET_H
-#define CHOOSE_BUDGET_H
+#pragma once
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -41,5 +40,3 @@ void budget_spend(const struct budget_part *parts, uint32_t count, const struct 
 
 /* True if a meets the target better than b. */
 bool budget_better(const struct budget *a, const struct budget *b, const struct budget_target *target);
-
-#endif

@@ -14,8 +14,7 @@
  * depend on the machine: the cache of direct light costs 2048 (measured: 1920 under an overcast sky, 2210 at noon), the
  * cache of interreflection 1250 more, a frame with the cache 4, and eye paths as much as the light samples of the same
  * frame. */
-#ifndef CHOOSE_BUY_H
-#define CHOOSE_BUY_H
+#pragma once
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -65,5 +64,3 @@ bool buy_suits(const struct buy_facts *f);
 /* buy_by_counts uses sample counts and no clock; buy_by_clock uses measured frames. Both fill *out. */
 void buy_by_counts(const struct buy_facts *f, struct buy *out);
 void buy_by_clock(const struct buy_facts *f, struct buy *out);
-
-#endif

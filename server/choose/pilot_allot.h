@@ -8,8 +8,7 @@
  *
  * Counts are integers, or even integers. A threshold that belongs to the packet rounds its real count up or down, so
  * that the mean over packets is correct and the noise is static while the counts are. Thread: one at a time. */
-#ifndef CHOOSE_PILOT_ALLOT_H
-#define CHOOSE_PILOT_ALLOT_H
+#pragma once
 
 #include "scene/gbuffer.h"
 
@@ -52,5 +51,3 @@ double allot_real(const struct allotment *a, const struct allot_count *mean, dou
 uint32_t allot_counts(struct allotment *a, const struct allot_count *mean, const struct packet_list *of);
 /* Their mean before rounding. */
 double allot_mean(const struct allotment *a, const struct allot_count *mean, const struct packet_list *of);
-
-#endif

@@ -1,8 +1,7 @@
 /* Groups of pixels spread over the image, with the packets that hold their shade points, and error estimates for the
  * whole image from two independent estimates of a group. Thread: one at a time; loops over pixels run on all OpenMP
  * threads. */
-#ifndef CHOOSE_PILOT_MEASURE_H
-#define CHOOSE_PILOT_MEASURE_H
+#pragma once
 
 #include "scene/gbuffer.h"
 
@@ -77,5 +76,3 @@ struct pair pair_of_points(struct groups *s, const struct group *group, const fl
 
 /* Compares two pictures of a part, float[height][width][3]. */
 struct pair pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y);
-
-#endif

@@ -1,8 +1,7 @@
 /* Predicts error and time of one technique for a part of the image from its count n (samples or paths per point,
  * units of particles). Readings are few, noisy and grow old. Plain data; zeroed memory means no readings. Thread:
  * any. */
-#ifndef CHOOSE_PILOT_MODEL_H
-#define CHOOSE_PILOT_MODEL_H
+#pragma once
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -35,5 +34,3 @@ void model_age(struct model *m);
 
 double model_error(const struct model *m, double n);   /* relMSE at n */
 double model_seconds(const struct model *m, double n); /* of a whole picture at n */
-
-#endif

@@ -1,8 +1,7 @@
 /* Assigns the classes of light paths (estimators/paths.h) to estimators and counts of samples: each class to exactly
  * one estimator, or to none with a reason. Direct light is always included and not part of the plan. Pure functions.
  * Thread: any. */
-#ifndef CHOOSE_PLAN_H
-#define CHOOSE_PLAN_H
+#pragma once
 
 #include "base/choice.h"
 
@@ -65,5 +64,3 @@ const char *plan_estimator_name(enum plan_estimator e);
 
 /* The values of --caustics and --indirect. */
 extern const struct setting_choice caustics_choices[], indirect_choices[];
-
-#endif

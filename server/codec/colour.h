@@ -1,7 +1,6 @@
 /* Conversion between linear RGB spaces, given by primaries and white point, through XYZ [SMPTE RP 177] with Bradford
  * chromatic adaptation. Thread: any. */
-#ifndef CODEC_COLOUR_H
-#define CODEC_COLOUR_H
+#pragma once
 
 #include "base/err.h"
 
@@ -23,5 +22,3 @@ MUST_CHECK enum err colour_to_rec709(const struct chromaticities *from, double o
 
 /* Row-major 3x3 matrix from CIE XYZ (white point E, as in Radiance's XYZE) to linear Rec.709. */
 void colour_xyz_to_rec709(double out[9]);
-
-#endif

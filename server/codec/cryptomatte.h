@@ -1,8 +1,7 @@
 /* Cryptomatte [Friedman and Jones 2015], specification 1.2.0: a name becomes a 32-bit number by MurmurHash3, the number
  * a float, and a pixel holds pairs of such floats and their coverage, in descending order. Functions of their
  * arguments, any thread. */
-#ifndef CODEC_CRYPTOMATTE_H
-#define CODEC_CRYPTOMATTE_H
+#pragma once
 
 #include "base/err.h"
 
@@ -25,5 +24,3 @@ struct cryptomatte {
 /* names: count of them, UTF-8, may repeat. layer is borrowed. ERR_NOMEM. */
 MUST_CHECK enum err cryptomatte_init(struct cryptomatte *c, const char *layer, const char *const *names, size_t count);
 void cryptomatte_finish(struct cryptomatte *c); /* zeroed memory is allowed */
-
-#endif

@@ -9,8 +9,7 @@
  * absent) and FORMAT=32-bit_rle_xyze are applied. Every value is sanitised and counted as in image.h. No size is
  * trusted: before memory is allocated, the image is checked against the limits and against the number of bytes that
  * could encode it. Thread: any, one image per thread. The caller owns the bytes and the image. */
-#ifndef CODEC_DECODE_H
-#define CODEC_DECODE_H
+#pragma once
 
 #include "base/err.h"
 #include "codec/image.h"
@@ -59,5 +58,3 @@ MUST_CHECK enum err decode_file(const char *path, struct image *im, struct reaso
 /* Makes untrusted text printable: copies at most `size` bytes, up to a NUL, to out[room], truncated to room - 1, with
  * '?' for everything but printable ASCII. Returns out. */
 const char *decode_printable(const void *bytes, size_t size, char *out, size_t room);
-
-#endif

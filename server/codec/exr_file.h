@@ -1,7 +1,6 @@
 /* An OpenEXR file during decoding: decode_exr.c fills it from the header, exr_chunks.c reads the pixels. Private to
  * this room. Thread: one per file. The caller owns the bytes. */
-#ifndef CODEC_EXR_FILE_H
-#define CODEC_EXR_FILE_H
+#pragma once
 
 #include "base/err.h"
 #include "codec/image.h"
@@ -56,5 +55,3 @@ bool exr_file_plausible(const struct exr_file *x, uint64_t packed, uint64_t unpa
 /* Decodes and sanitises all chunks of the chosen part into the image, which already has its size, and counts faults.
  * ERR_FORMAT, ERR_NOMEM. */
 MUST_CHECK enum err exr_chunks_read(struct exr_file *x, struct image *im);
-
-#endif

@@ -2,8 +2,7 @@
  * network. The library's decoders of the other compressions are large, old and have had vulnerabilities; although
  * decoding is sandboxed (decoder/decoder.h), a remote client must not be able to reach them. Every step is checked
  * against `size`, nothing is allocated, and EXR_POLICY_ATTRIBUTES bounds the time. Thread: any. */
-#ifndef CODEC_EXR_POLICY_H
-#define CODEC_EXR_POLICY_H
+#pragma once
 
 #include "base/err.h"
 
@@ -37,5 +36,3 @@ MUST_CHECK enum err exr_header_next(struct exr_header *h, struct exr_entry *a);
  * file, which *why names. ERR_FORMAT: not an EXR file, or its header is damaged or truncated. Does not look past the
  * header. `name` begins the message. */
 MUST_CHECK enum err exr_policy_check(const uint8_t *bytes, size_t size, const char *name, struct reason *why);
-
-#endif

@@ -1,8 +1,7 @@
 /* Writes linear images as OpenEXR through OpenEXRCore: R, G, B, possibly A and channels of further layers, as float or
  * half, ZIP, a single part of scan lines, with Rec.709 chromaticities. Thread: any. The caller owns pixels and
  * attributes. */
-#ifndef CODEC_EXR_WRITE_H
-#define CODEC_EXR_WRITE_H
+#pragma once
 
 #include "base/err.h"
 
@@ -46,5 +45,3 @@ MUST_CHECK enum err exr_encode(const struct exr_desc *d, uint8_t **bytes, size_t
 /* Encodes to a file, written atomically (base/file_store.h). Errors of exr_encode, and ERR_IO, which names path and
  * cause. */
 MUST_CHECK enum err exr_write(const struct exr_desc *d, const char *path, struct reason *why);
-
-#endif

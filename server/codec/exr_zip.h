@@ -1,8 +1,7 @@
 /* ZIP chunks of OpenEXR files (and ZIPS, for decoding): deflated byte differences, the low bytes of all values before
  * the high ones. OpenEXRCore can do both, but with zlib, which is less than half as fast as libdeflate and allocates
  * memory for each chunk. Private to this room. Thread: one per unpacker and per deflater. */
-#ifndef CODEC_EXR_ZIP_H
-#define CODEC_EXR_ZIP_H
+#pragma once
 
 #include "base/err.h"
 #include "base/scratch.h"
@@ -47,5 +46,3 @@ size_t exr_zip_pack(struct exr_deflater *z, size_t size, uint8_t *out);
 /* Undoes the differences in place: b[i] = b[i - 1] + b[i] - 128 modulo 256. */
 void exr_zip_sum(uint8_t *b, size_t n);
 void exr_zip_sum_ref(uint8_t *b, size_t n); /* the scalar reference; same result */
-
-#endif

@@ -1,8 +1,7 @@
 /* One environment frame on its way from a source to env: either the bytes of a file, not yet decoded, or the texels of
  * a computed sky. The frame owns its buffers and is reused; frame_reserve_* keep the larger buffer until it has been
  * far too large for several frames (base/recent.h). Thread: one at a time. */
-#ifndef CODEC_FRAME_H
-#define CODEC_FRAME_H
+#pragma once
 
 #include "base/err.h"
 #include "base/recent.h"
@@ -47,5 +46,3 @@ MUST_CHECK enum err frame_reserve_bytes(struct frame *f, size_t size);
 MUST_CHECK enum err frame_reserve_texels(struct frame *f, uint32_t width, uint32_t height);
 
 void frame_finish(struct frame *f); /* frees the buffers; zeroed memory and NULL are allowed */
-
-#endif

@@ -3,8 +3,7 @@
  * exponent may be one lower, with a mantissa of 255, where that is nearer: a value is then off by at most 1/256 of
  * the texel's largest channel, and 1.0 by 1/512. (codec/decode_hdr.c reads m / 256.) Values that are not positive
  * become 0. Thread: any. */
-#ifndef CODEC_HDR_WRITE_H
-#define CODEC_HDR_WRITE_H
+#pragma once
 
 #include "base/err.h"
 
@@ -22,5 +21,3 @@ MUST_CHECK enum err hdr_encode(const struct hdr_desc *d, uint8_t **bytes, size_t
 
 /* Encodes to a file, written atomically (base/file_store.h). ERR_NOMEM; ERR_IO names path and cause. */
 MUST_CHECK enum err hdr_write(const struct hdr_desc *d, const char *path, struct reason *why);
-
-#endif

@@ -1,8 +1,7 @@
 /* A decoded environment map: linear Rec.709 radiance, float[height][width][3], top row first. Every value is finite and
  * not negative: decoding sanitises and counts faults. The image owns rgb and is reused from frame to frame.
  * Thread: one at a time, unless a function says otherwise. */
-#ifndef CODEC_IMAGE_H
-#define CODEC_IMAGE_H
+#pragma once
 
 #include "base/choice.h"
 #include "base/recent.h"
@@ -73,5 +72,3 @@ void image_sanitise_texels(float *rgb, size_t count, const float *to_rec709, str
 /* All layouts; env/layout.h defines their orientation. */
 extern const struct setting_choice layout_choices[];
 const char *layout_name(enum layout layout); /* static; any thread */
-
-#endif

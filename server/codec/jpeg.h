@@ -1,6 +1,5 @@
 /* JPEG encoding through libjpeg-turbo. Thread: one per encoder, whose output buffer is reused. */
-#ifndef CODEC_JPEG_H
-#define CODEC_JPEG_H
+#pragma once
 
 #include "base/err.h"
 
@@ -16,5 +15,3 @@ void jpeg_encoder_destroy(struct jpeg_encoder *j); /* NULL is allowed */
  * which stay valid until its next call. ERR_RANGE: a side of 0 or above 65500. ERR_NOMEM. */
 MUST_CHECK enum err jpeg_encode(struct jpeg_encoder *j, const uint8_t *rgb, uint32_t width, uint32_t height,
                                 int quality, const uint8_t **bytes, size_t *size);
-
-#endif

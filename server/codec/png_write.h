@@ -1,6 +1,5 @@
 /* PNG encoding through libpng. Thread: any. */
-#ifndef CODEC_PNG_WRITE_H
-#define CODEC_PNG_WRITE_H
+#pragma once
 
 #include "base/err.h"
 
@@ -17,5 +16,3 @@ struct png_desc {
 /* Encodes to memory, marked as sRGB; the caller frees *bytes with mem_free. The output is deterministic. ERR_RANGE: a
  * side of 0 or above a million. ERR_NOMEM. On error *bytes is NULL. */
 MUST_CHECK enum err png_encode(const struct png_desc *d, uint8_t **bytes, size_t *size, struct reason *why);
-
-#endif

@@ -1,8 +1,7 @@
 /* From a video signal to light: code values to linear Rec.709 in cd/m^2, by range, matrix, transfer function and
  * primaries, each of which is a code point of ITU-T H.273, as video streams state them. Thread: any; a prepared signal
  * is only read. */
-#ifndef CODEC_SIGNAL_H
-#define CODEC_SIGNAL_H
+#pragma once
 
 #include "base/choice.h"
 #include "base/err.h"
@@ -61,5 +60,3 @@ MUST_CHECK enum err signal_prepare(const struct signal_desc *d, const char *name
 /* Converts `count` texels: a, b and c are code values (Y', Cb, Cr or R', G', B') as floats; rgb is linear Rec.709 in
  * cd/m^2, [count][3]. Colours outside of Rec.709 have negative components. */
 void signal_row(const struct signal *s, const float *a, const float *b, const float *c, size_t count, float *rgb);
-
-#endif

@@ -1,7 +1,6 @@
 /* The video format that a container or network protocol declares, passed from the process that demultiplexes (demux)
  * to the one that decodes (decoder). Untrusted. Any thread. */
-#ifndef CODEC_STREAM_FORMAT_H
-#define CODEC_STREAM_FORMAT_H
+#pragma once
 
 #include <stdint.h>
 
@@ -19,5 +18,3 @@ struct stream_format {
     char codec_name[32];                 /* printable ASCII, for messages */
     char note[160];                      /* what of the metadata was left out; "": nothing */
 };
-
-#endif

@@ -1,7 +1,6 @@
 /* Draws an error map: relative error, logarithmic from 0.1 % (black) through violet, red and orange to 100 % (pale
  * yellow), with evenly increasing lightness and a scale below. Any thread. */
-#ifndef COMPARE_ERROR_MAP_H
-#define COMPARE_ERROR_MAP_H
+#pragma once
 
 #include "base/err.h"
 
@@ -11,5 +10,3 @@
  * mask: uint8_t[height][width], where 0 the pixel is plain grey; NULL: none is. ERR_IO names path and cause. */
 MUST_CHECK enum err error_map_write(const float *squared, const uint8_t *mask, uint32_t width, uint32_t height,
                                     const char *path, struct reason *why);
-
-#endif

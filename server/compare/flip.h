@@ -3,8 +3,7 @@
  * difference of colours or a lone pixel that appears. Noise that the eye averages away at the viewing distance counts
  * little, edges and dots count more. It is symmetric. Sums have a fixed order: the same bits at any number of threads.
  * Any thread. */
-#ifndef COMPARE_FLIP_H
-#define COMPARE_FLIP_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -48,5 +47,3 @@ void flip_tone(const float *rgb, size_t count, double gain, float *display);
  * or if no pixel is counted. */
 bool flip_compare(const float *x, const float *r, const uint8_t *mask, uint32_t width, uint32_t height,
                   double pixels_per_degree, float *map, double *mean);
-
-#endif

@@ -1,6 +1,5 @@
 /* Display-linear Rec.709 to CIE XYZ and CIE 1976 (L*a*b*), white D65. Any thread. */
-#ifndef COMPARE_LAB_H
-#define COMPARE_LAB_H
+#pragma once
 
 #include <math.h>
 
@@ -31,5 +30,3 @@ static inline struct lab lab_from(const double c[3])
     const double fx = lab_root(xyz[0]), fy = lab_root(xyz[1]), fz = lab_root(xyz[2]);
     return (struct lab){ 116.0 * fy - 16.0, 500.0 * (fx - fy), 200.0 * (fy - fz) };
 }
-
-#endif

@@ -1,7 +1,6 @@
 /* The error of an image against a reference (docs/internals/how-it-works.md, Conventions). Both are linear,
  * float[height][width][3]. Any thread. */
-#ifndef COMPARE_METRICS_H
-#define COMPARE_METRICS_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -20,5 +19,3 @@ struct metrics {
  * False when out of memory or if no pixel is counted. */
 bool metrics_compare(const float *x, const float *r, const uint8_t *mask, uint32_t width, uint32_t height, double trim,
                      float *error_map, struct metrics *out);
-
-#endif

@@ -1,6 +1,5 @@
 /* A helper process with which this one talks through a seqpacket socket. Thread: one at a time. */
-#ifndef CONFINE_CHILD_H
-#define CONFINE_CHILD_H
+#pragma once
 
 #include "base/err.h"
 
@@ -42,5 +41,3 @@ enum child_receipt {
 /* Waits for one message of exactly `size` bytes until clock_ms() is until_ms. stop may be NULL. */
 enum child_receipt child_receive(struct child *c, void *message, size_t size, int64_t until_ms,
                                  const atomic_bool *stop);
-
-#endif

@@ -1,7 +1,6 @@
 /* The sandbox of a process that reads untrusted data: irrevocably drops everything that reading does not need.
  * Thread: main, before any other starts. */
-#ifndef CONFINE_CONFINE_H
-#define CONFINE_CONFINE_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -32,5 +31,3 @@ int confine_calls_softly(void);
  * process. Returns 0, or errno if the kernel has no seccomp; a missing Landlock is no error, then reading files is not
  * limited. */
 int confine_network(const char *file);
-
-#endif

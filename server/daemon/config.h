@@ -1,7 +1,6 @@
 /* The configuration of relightd, from the command line, the configuration file and the token files. The main thread
  * writes it once at startup; then every thread may read it without a lock. */
-#ifndef DAEMON_CONFIG_H
-#define DAEMON_CONFIG_H
+#pragma once
 
 #include "daemon/settings.h"
 
@@ -61,5 +60,3 @@ void config_readings_finish(struct config_readings *r);
 /* Reloads everything (SIGHUP). Applies changes that are possible at run time and logs those that need a restart; on a
  * fault, logs it and changes nothing. */
 void daemon_config_reload(struct config_readings *r, struct settings_store *settings, struct server *server);
-
-#endif

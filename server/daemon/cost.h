@@ -1,7 +1,6 @@
 /* Estimates the cost of images from finished ones. Pure functions; the caller measures the time. Thread: one per
  * struct cost. */
-#ifndef DAEMON_COST_H
-#define DAEMON_COST_H
+#pragma once
 
 #include "light/relight.h"
 
@@ -19,5 +18,3 @@ void cost_learn(struct cost *c, uint64_t points, const struct relight_desc *ligh
 /* Seconds that an image of a view with these facts would take with light's method, counts and paths, under the most
  * expensive sky. Unknown costs are estimated from known ones; 0: no cost is known. */
 double cost_estimate(const struct cost *c, const struct plan_facts *facts, const struct relight_desc *light);
-
-#endif

@@ -1,7 +1,6 @@
 /* The encode thread: applies exposure and tone curve, then encodes each image in every format that has viewers: JPEG,
  * H.264, EXR. */
-#ifndef DAEMON_ENCODE_H
-#define DAEMON_ENCODE_H
+#pragma once
 
 #include "base/err.h"
 
@@ -20,5 +19,3 @@ void encode_picture(struct encode_thread *t, struct shaded *in);
 
 /* Waits for the thread, which ends when the images' handoff is closed. Main thread. NULL is allowed. */
 void encode_thread_destroy(struct encode_thread *t);
-
-#endif

@@ -1,6 +1,5 @@
 /* The encode thread's private data. Only encode*.c include this. */
-#ifndef DAEMON_ENCODE_PARTS_H
-#define DAEMON_ENCODE_PARTS_H
+#pragma once
 
 #include "daemon/encode.h"
 #include "daemon/shared.h"
@@ -74,5 +73,3 @@ void video_encode_again(struct encode_thread *t, const struct shaded *in, unsign
 /* Milliseconds until a track that skipped the current image may encode it; at most most_ms, at least 1. */
 int video_wait_ms(struct encode_thread *t, int most_ms);
 void video_finish(struct encode_thread *t);
-
-#endif

@@ -1,7 +1,6 @@
 /* The housekeeping thread. It watches the time of the current image, prints the status line on a terminal or else
  * logs a cache's progress, logs held-back lines, and saves the settings file. */
-#ifndef DAEMON_HOUSEKEEPING_H
-#define DAEMON_HOUSEKEEPING_H
+#pragma once
 
 #include "base/err.h"
 
@@ -29,5 +28,3 @@ struct housekeeping_thread {
 MUST_CHECK enum err housekeeping_start(struct housekeeping_thread *t, struct shared *shared, struct state_file *state,
                                        struct reason *why);
 void housekeeping_join(struct housekeeping_thread *t);
-
-#endif

@@ -1,7 +1,6 @@
 /* The ingest thread: reads frames from the source or from producers in order, at the source's rate, decodes them and
  * builds their sampling tables. It pauses, steps and seeks on controllers' requests. */
-#ifndef DAEMON_INGEST_H
-#define DAEMON_INGEST_H
+#pragma once
 
 #include "base/err.h"
 
@@ -21,5 +20,3 @@ void ingest_thread_go_on(struct ingest_thread *t);
 
 /* Waits for the thread, which ends when shared_is_stopping. Main thread. NULL is allowed. */
 void ingest_thread_destroy(struct ingest_thread *t);
-
-#endif

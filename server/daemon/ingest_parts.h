@@ -1,6 +1,5 @@
 /* The ingest thread's private data. Only ingest*.c include this. */
-#ifndef DAEMON_INGEST_PARTS_H
-#define DAEMON_INGEST_PARTS_H
+#pragma once
 
 #include "daemon/ingest.h"
 #include "daemon/shared.h"
@@ -37,5 +36,3 @@ void ingest_sleep_ms(int64_t ms);
 /* Reads until the program stops: from t->source, or from producers. */
 void ingest_from_source(struct ingest_thread *t, struct reason *why);
 void ingest_from_producers(struct ingest_thread *t, struct reason *why);
-
-#endif

@@ -1,7 +1,6 @@
 /* relightd as a job of mpirun: rank 0 is the server, and the other ranks light parts of its pictures (team/team.h).
  * Without a launcher there is no job, and these functions do nothing. Main thread. */
-#ifndef DAEMON_JOB_H
-#define DAEMON_JOB_H
+#pragma once
 
 #include "base/err.h"
 
@@ -29,5 +28,3 @@ MUST_CHECK enum err job_lead(struct job *j, struct shared *s, struct shade_threa
 
 /* On rank 0: ends the job on the other ranks. */
 void job_leave(struct job *j);
-
-#endif

@@ -1,6 +1,5 @@
 /* relightd --show-link: the server's URLs for people and programs, with their tokens. */
-#ifndef DAEMON_LINKS_H
-#define DAEMON_LINKS_H
+#pragma once
 
 #include "stream/server.h"
 
@@ -8,5 +7,3 @@
 
 /* Prints the URLs; codes: with QR codes for the page's. ERR_USAGE: the port is not known in advance. Main thread. */
 MUST_CHECK enum err links_print(const struct server_desc *desc, FILE *out, bool codes, struct reason *why);
-
-#endif

@@ -1,6 +1,5 @@
 /* The flags of relightd, which are also the keys of a configuration file. Main thread. */
-#ifndef DAEMON_OPTIONS_H
-#define DAEMON_OPTIONS_H
+#pragma once
 
 #include "daemon/config.h"
 
@@ -17,5 +16,3 @@ void daemon_flags_init(struct daemon_flags *f);
 /* Translates the flags into *c, which must be zeroed. The table keeps the ownership of strings. ERR_USAGE names the
  * flag. */
 MUST_CHECK enum err daemon_config_from_flags(struct daemon_flags *f, struct daemon_config *c, struct reason *why);
-
-#endif

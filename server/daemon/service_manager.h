@@ -1,7 +1,6 @@
 /* The service manager's thread (systemd's Type=notify, base/notify.h): reports startup progress, readiness, status,
  * watchdog and stop. It runs only under a service manager. */
-#ifndef DAEMON_SERVICE_MANAGER_H
-#define DAEMON_SERVICE_MANAGER_H
+#pragma once
 
 #include "base/err.h"
 
@@ -23,5 +22,3 @@ struct service_thread {
  * thread. */
 MUST_CHECK enum err service_manager_start(struct service_thread *t, struct shared *shared, struct reason *why);
 void service_manager_stop(struct service_thread *t);
-
-#endif

@@ -1,7 +1,6 @@
 /* The settings that controllers may change while relightd runs, and their requests to move within the source. Any
  * thread; the store locks. */
-#ifndef DAEMON_SETTINGS_H
-#define DAEMON_SETTINGS_H
+#pragma once
 
 #include "base/err.h"
 #include "settings/settings.h"
@@ -103,5 +102,3 @@ bool settings_has_source_request(struct settings_store *store);
 /* Applies one control message without sending anything. ERR_USAGE: *why explains it; the settings are unchanged. */
 MUST_CHECK enum err settings_apply(struct settings_store *store, const struct server_control *asked,
                                    struct reason *why);
-
-#endif

@@ -1,7 +1,6 @@
 /* The shade thread, which is the main thread. It renders frame after frame, refines the picture while no new frame
  * arrives, changes cameras and answers queries about pixels. */
-#ifndef DAEMON_SHADE_H
-#define DAEMON_SHADE_H
+#pragma once
 
 #include "base/err.h"
 
@@ -46,5 +45,3 @@ MUST_CHECK enum err shade_thread_turn(struct shade_thread *t, struct reason *why
 
 /* Call it after the encode thread has ended. NULL is allowed. */
 void shade_thread_destroy(struct shade_thread *t);
-
-#endif

@@ -1,6 +1,5 @@
 /* The shade thread's private data. Only shade.c, refine.c, camera.c and probe.c include this. */
-#ifndef DAEMON_SHADE_PARTS_H
-#define DAEMON_SHADE_PARTS_H
+#pragma once
 
 #include "daemon/cost.h"
 #include "daemon/shade.h"
@@ -172,5 +171,3 @@ void probe_report_picture(struct shade_thread *t, const struct shaded *picture);
 /* Answers at most one query about a pixel, and all queries about the sky. */
 void probe_result(struct shade_thread *t);
 void probe_finish(struct shade_thread *t);
-
-#endif

@@ -1,7 +1,6 @@
 /* Data shared by the threads of relightd. All other data belongs to one thread: ingest.h, shade.h, encode.h,
  * housekeeping.h, service_manager.h. */
-#ifndef DAEMON_SHARED_H
-#define DAEMON_SHARED_H
+#pragma once
 
 #include "daemon/config.h"
 #include "daemon/settings.h"
@@ -53,5 +52,3 @@ bool shared_is_stopping(struct shared *s);
  * H.264. Thread: any. */
 void shared_demand(struct shared *s, struct server_demand *out);
 #define SHARED_PUBLISH_TRACK 0 /* full size, no limit on the rate */
-
-#endif

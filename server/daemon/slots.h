@@ -1,8 +1,7 @@
 /* Handoff between threads: frames from ingest to shade, pictures from shade to encode. Three slots each
  * (base/handoff.h): the newest wins, and one thread at a time writes or reads a slot. As a job, the shade thread takes
  * frames early, and there are four. */
-#ifndef DAEMON_SLOTS_H
-#define DAEMON_SLOTS_H
+#pragma once
 
 #include "base/err.h"
 #include "base/handoff.h"
@@ -56,5 +55,3 @@ void picture_slots_finish(struct picture_slots *s);
 
 /* Shade thread: hands the slot to the encode thread. A picture that this replaces is reported as superseded. */
 void picture_slots_publish(struct picture_slots *s, int slot, struct server *server);
-
-#endif

@@ -1,6 +1,5 @@
 /* Saves controllers' settings in a file (--state DIR) and restores them after a crash or restart. */
-#ifndef DAEMON_STATE_H
-#define DAEMON_STATE_H
+#pragma once
 
 #include "daemon/settings.h"
 
@@ -24,5 +23,3 @@ void state_open(struct state_file *f, const struct daemon_config *config, struct
 /* Writes the file if the settings have changed and an image with them was finished. */
 void state_save(struct state_file *f);
 void state_close(struct state_file *f);
-
-#endif

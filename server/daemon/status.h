@@ -1,8 +1,7 @@
 /* What relightd reports about itself: status for viewers, figures for /metrics, lines for the terminal and the service
  * manager. Each thread reports its events here; the board aggregates them and passes them to the server. The board
  * locks. Thread: any. */
-#ifndef DAEMON_STATUS_H
-#define DAEMON_STATUS_H
+#pragma once
 
 #include "base/err.h"
 #include "stream/server.h"
@@ -99,5 +98,3 @@ void status_line(struct status_board *b, uint32_t viewers, char *text, size_t si
 double status_cache_share(struct status_board *b);
 /* For the service manager: one sentence without line ends. */
 void status_sentence(struct status_board *b, uint32_t viewers, char *text, size_t size);
-
-#endif

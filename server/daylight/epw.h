@@ -1,7 +1,6 @@
 /* EnergyPlus weather files (.epw) [EnergyPlus 2024]: a header with the place, then one line for each hour. Only what
  * light needs is read. Thread: any. */
-#ifndef DAYLIGHT_EPW_H
-#define DAYLIGHT_EPW_H
+#pragma once
 
 #include "base/err.h"
 
@@ -37,5 +36,3 @@ void epw_finish(struct epw *w); /* zeroed memory is allowed */
 
 /* The same from memory, which is changed. name: of the file, for messages. */
 MUST_CHECK enum err epw_parse(const char *name, char *text, size_t size, struct epw *out, struct reason *why);
-
-#endif

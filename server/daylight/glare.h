@@ -2,8 +2,7 @@
  *     DGP = 5.87e-5 Ev + 9.18e-2 log10(1 + sum over sources  Ls^2 ws / (Ev^1.87 P^2)) + 0.16
  * with the vertical illuminance Ev at the eye, and the luminance Ls, solid angle ws and position index P of each source
  * of glare: connected pixels above a luminance. Thread: any, on separate outputs. */
-#ifndef DAYLIGHT_GLARE_H
-#define DAYLIGHT_GLARE_H
+#pragma once
 
 #include "base/err.h"
 
@@ -37,5 +36,3 @@ double glare_position_index(const double w[3], const double ahead[3], const doub
 
 /* The formula, without its sum: of sources that add up to `sum`. */
 double glare_probability(double vertical_lux, double sum);
-
-#endif

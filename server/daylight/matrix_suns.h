@@ -4,8 +4,7 @@
  *     solar114150 source sun114150  0 0 4 X Y Z 0.533
  * where the number is the minute of the year. In the matrix gendaymtx spreads the same sun over its nearest patches.
  * Thread: any. */
-#ifndef DAYLIGHT_MATRIX_SUNS_H
-#define DAYLIGHT_MATRIX_SUNS_H
+#pragma once
 
 #include "base/err.h"
 #include "daylight/sky_matrix.h"
@@ -30,5 +29,3 @@ MUST_CHECK enum err matrix_suns_read(const char *path, const struct sky_matrix *
  * false, with nothing changed, where some patch holds less than it would with them, as in a matrix of `gendaymtx -s`.
  * ERR_NOMEM. */
 MUST_CHECK enum err matrix_suns_take_out(struct sky_matrix *m, const struct matrix_sun *suns, bool *taken);
-
-#endif

@@ -1,6 +1,5 @@
 /* Daylight measures of a year at points of measurement (sensors), from their illuminances. Thread: one per object. */
-#ifndef DAYLIGHT_MEASURES_H
-#define DAYLIGHT_MEASURES_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -48,5 +47,3 @@ struct measures_summary { /* shares are 0..1 */
  * occupied / 3650. */
 void measures_summarise(const struct measures_desc *d, const struct sensor_year *sensors, size_t count, double occupied,
                         struct measures_summary *out);
-
-#endif

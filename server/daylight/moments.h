@@ -1,6 +1,5 @@
 /* The moments of a year that a weather file describes: sun, irradiance and illuminance of each. Thread: any. */
-#ifndef DAYLIGHT_MOMENTS_H
-#define DAYLIGHT_MOMENTS_H
+#pragma once
 
 #include "daylight/epw.h"
 #include "daylight/pattern.h"
@@ -58,5 +57,3 @@ void moment_name(const struct moment *m, char *out, size_t size);
 
 /* "3 January, 10:30; 3 January, 11:30 and 17 more" into out: those that are missing. */
 void moments_name_missing(const struct moments *m, char *out, size_t size);
-
-#endif

@@ -2,8 +2,7 @@
  *     L(z, g) / L0 = (1 + a exp(b / cos z)) (base + c exp(d g) + e cos^2 g)
  * with zenith angle z and angle g to the sun: a gradation from zenith to horizon, and an indicatrix around the sun.
  * Thread: any. */
-#ifndef DAYLIGHT_PATTERN_H
-#define DAYLIGHT_PATTERN_H
+#pragma once
 
 #include <stdint.h>
 
@@ -39,5 +38,3 @@ double pattern_indicatrix(const struct sky_pattern *p, double angle);
  * dew_point: degrees Celsius. Never negative. */
 double perez_diffuse_efficacy(double zenith, double clearness, double brightness, double dew_point);
 double perez_direct_efficacy(double zenith, double clearness, double brightness, double dew_point);
-
-#endif

@@ -7,8 +7,7 @@
  *     (x, y, z) here  =  (-X, Z, Y) there.
  * Patches are rectangles of a lat-long image. The one that reinhart_sky fills has borders of texels at all of theirs,
  * so that no texel is of two patches. Pure functions; any thread. */
-#ifndef DAYLIGHT_REINHART_H
-#define DAYLIGHT_REINHART_H
+#pragma once
 
 #include <stdint.h>
 
@@ -42,5 +41,3 @@ uint32_t reinhart_at(uint32_t mf, uint32_t x, uint32_t y);
 /* The sky of those patches as a picture: rgb float[height][width][3], lat-long (codec/frame.h).
  * radiance: float[reinhart_count][3]. */
 void reinhart_sky(uint32_t mf, const float (*radiance)[3], float *rgb);
-
-#endif

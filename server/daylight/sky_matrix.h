@@ -1,7 +1,6 @@
 /* Matrices as Radiance's programs write them, with three components. gendaymtx's of skies have a row for each patch of
  * reinhart.h and a column for each time step, W sr^-1 m^-2. Thread: any. */
-#ifndef DAYLIGHT_SKY_MATRIX_H
-#define DAYLIGHT_SKY_MATRIX_H
+#pragma once
 
 #include "base/err.h"
 
@@ -34,5 +33,3 @@ void sky_matrix_finish(struct sky_matrix *m); /* zeroed memory is allowed */
 
 /* Whether any patch of a step has light. */
 bool sky_matrix_is_lit(const struct sky_matrix *m, size_t step);
-
-#endif

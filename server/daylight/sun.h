@@ -1,6 +1,5 @@
 /* Where the sun is. Y up, north +Z, east -X. Thread: any. */
-#ifndef DAYLIGHT_SUN_H
-#define DAYLIGHT_SUN_H
+#pragma once
 
 #define SUN_RADIUS 0.0046513 /* radians: half of the disc's 0.533 degrees */
 
@@ -17,5 +16,3 @@ double sun_eccentricity(int day);
 
 /* 1 January is 1 of 365; 29 February counts as 1 March. month 1..12, day 1..31. */
 int day_of_year(int month, int day);
-
-#endif

@@ -4,8 +4,7 @@
  * killed from outside, a new one gets the file. The result is untrusted too: sizes are checked, text is made printable,
  * and each texel is sanitised while it is copied out of shared memory, so that it cannot change afterwards. The texels
  * are identical to decode_image's. Thread: one at a time, except decoder_counts. */
-#ifndef DECODER_DECODER_H
-#define DECODER_DECODER_H
+#pragma once
 
 #include "codec/decode.h"
 
@@ -46,5 +45,3 @@ struct decoder_counts {
     uint64_t starts;
 };
 void decoder_counts(const struct decoder *d, struct decoder_counts *out); /* thread: any */
-
-#endif

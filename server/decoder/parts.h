@@ -1,6 +1,5 @@
 /* What decoder.c and video.c share. Private to this room. Thread: one per decoder. */
-#ifndef DECODER_PARTS_H
-#define DECODER_PARTS_H
+#pragma once
 
 #include "confine/child.h"
 #include "decoder/decoder.h"
@@ -48,5 +47,3 @@ void decoder_take_texels(const struct decoder *d, struct image *im);
 
 /* Returns memory to the system that only much larger contents than `bytes` needed. */
 void decoder_trim(struct shared *s, size_t bytes);
-
-#endif

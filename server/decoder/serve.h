@@ -1,7 +1,6 @@
 /* The main loop of relight-decoder and relight-video: decodes files or video on request until the socket is closed.
  * Thread: main. */
-#ifndef DECODER_SERVE_H
-#define DECODER_SERVE_H
+#pragma once
 
 #include "codec/decode.h"
 
@@ -20,5 +19,3 @@ struct decoder_work {
 
 /* argv: maximum bytes of a file, of an image, and of further memory for decoding. Returns the exit code. */
 int decoder_serve(int argc, char **argv, const struct decoder_work *work);
-
-#endif

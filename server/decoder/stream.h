@@ -1,7 +1,6 @@
 /* The work of relight-video: one video stream, packet by packet, through libavcodec. Part of relight-video alone.
  * Thread: main. */
-#ifndef DECODER_STREAM_H
-#define DECODER_STREAM_H
+#pragma once
 
 #include "codec/image.h"
 
@@ -17,5 +16,3 @@ void stream_destroy(struct stream *s); /* NULL is allowed */
  * too large. ERR_NOMEM. */
 enum err stream_work(void *context, const struct wire_request *q, const uint8_t *bytes, struct image *im,
                      struct wire_answer *a);
-
-#endif

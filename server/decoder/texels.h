@@ -1,6 +1,5 @@
 /* Pictures of libavcodec to linear texels. Part of relight-video alone. Thread: one. */
-#ifndef DECODER_TEXELS_H
-#define DECODER_TEXELS_H
+#pragma once
 
 #include "codec/image.h"
 #include "codec/signal.h"
@@ -23,5 +22,3 @@ struct texels {              /* zeroed memory is empty */
 MUST_CHECK enum err texels_convert(struct texels *t, const struct AVFrame *f, const char *name, struct image *im,
                                    struct reason *why);
 void texels_finish(struct texels *t);
-
-#endif

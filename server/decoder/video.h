@@ -1,8 +1,7 @@
 /* Video streams decoded in the sandboxed process relight-video, packet by packet, to linear texels. The decoder
  * (decoder.h) must have been created with desc.video. If a packet crashes the process, the stream is lost:
  * video_is_open returns false, and the caller starts it again. Thread: one per decoder. */
-#ifndef DECODER_VIDEO_H
-#define DECODER_VIDEO_H
+#pragma once
 
 #include "codec/frame.h"
 #include "codec/signal.h"
@@ -57,5 +56,3 @@ struct video_state {
  * ERR_RANGE, ERR_FORMAT, ERR_NOMEM. */
 MUST_CHECK enum err video_convert(struct decoder *d, const struct video_desc *desc, struct frame *f,
                                   struct video_state *out, struct reason *why);
-
-#endif

@@ -1,7 +1,6 @@
 /* Messages between relightd and relight-decoder over a seqpacket socket. File bytes and texels are exchanged through
  * two blocks of shared memory. Private to this room. */
-#ifndef DECODER_WIRE_H
-#define DECODER_WIRE_H
+#pragma once
 
 #include "base/err.h"
 #include "codec/stream_format.h"
@@ -52,5 +51,3 @@ struct wire_answer {
     uint64_t nan, infinite, negative, clipped;
     struct reason why;
 };
-
-#endif

@@ -3,8 +3,7 @@
  * network source it may use the network, by the protocols that its URL needs and no others, but no files: a playlist
  * that names a local file is refused. A crash or hang of the process is an error of the source. What comes back is
  * untrusted: sizes are checked, text is made printable. Thread: one per demux. */
-#ifndef DEMUX_DEMUX_H
-#define DEMUX_DEMUX_H
+#pragma once
 
 #include "base/err.h"
 #include "codec/stream_format.h"
@@ -78,5 +77,3 @@ MUST_CHECK enum err demux_next(struct demux *d, int wait_ms, struct demux_item *
 /* The next packet is the keyframe at or before time_us. Not while demux_next has returned QUIET and nothing since.
  * ERR_UNSUPPORTED: the source cannot do that. */
 MUST_CHECK enum err demux_seek(struct demux *d, int64_t time_us, struct reason *why);
-
-#endif

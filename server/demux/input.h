@@ -1,6 +1,5 @@
 /* Where relight-demux's bytes come from: memory that maps a file, or the protocols that a URL may use. Thread: main. */
-#ifndef DEMUX_INPUT_H
-#define DEMUX_INPUT_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -25,5 +24,3 @@ const char *input_protocols(const char *url);
 /* The containers that this program reads, for libavformat's format_whitelist: none that refers to further files by
  * name, except playlists of network sources. */
 const char *input_formats(bool is_file);
-
-#endif

@@ -1,6 +1,5 @@
 /* The work of relight-demux: one container or network stream, through libavformat. Thread: main. */
-#ifndef DEMUX_READ_H
-#define DEMUX_READ_H
+#pragma once
 
 #include "base/err.h"
 #include "demux/wire.h"
@@ -25,5 +24,3 @@ void reading_destroy(struct reading *r);                         /* NULL is allo
 enum err reading_open(struct reading *r, const char *url, struct demux_answer *a);
 enum err reading_next(struct reading *r, struct demux_answer *a);
 enum err reading_seek(struct reading *r, int64_t time_us, struct demux_answer *a);
-
-#endif

@@ -1,7 +1,6 @@
 /* Messages between a program and relight-demux over a seqpacket socket. A packet's bytes are passed through shared
  * memory. Private to this room. */
-#ifndef DEMUX_WIRE_H
-#define DEMUX_WIRE_H
+#pragma once
 
 #include "base/err.h"
 #include "codec/stream_format.h"
@@ -35,5 +34,3 @@ struct demux_answer {
     struct stream_format format; /* FORMAT; PACKET: only realtime_us, which may become known late */
     struct reason why;
 };
-
-#endif

@@ -1,8 +1,7 @@
 /* Cube maps: six faces of n x n texels. Face 2a + s lies on coordinate axis a (0 = x, 1 = y, 2 = z), on its positive
  * side for s = 0 and its negative side for s = 1. On a face, u runs along axis (a + 1) mod 3 and v along axis (a + 2)
  * mod 3, both in -1..1; column j starts at u = -1 + 2 j / n, row i at v = -1 + 2 i / n. Thread: any. */
-#ifndef ENV_CUBE_H
-#define ENV_CUBE_H
+#pragma once
 
 #include <math.h>
 #include <stdint.h>
@@ -60,5 +59,3 @@ static inline float cube_jacobian(float u, float v)
 
 /* The four corners of a face as unit vectors, for [LPG13, Eq. 3]. */
 void cube_corners(uint32_t face, float out[4][3]);
-
-#endif

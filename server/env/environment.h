@@ -1,8 +1,7 @@
 /* One environment map, ready to light a scene: the decoded image, for filtered lookups, and the cube map with its
  * sampling tables, for sampling and evaluation. Rebuilt for every frame in the same memory.
  * Thread: one at a time may update; between updates any number of threads may read. */
-#ifndef ENV_ENVIRONMENT_H
-#define ENV_ENVIRONMENT_H
+#pragma once
 
 #include "env/cube.h"
 #include "codec/decode.h"
@@ -151,5 +150,3 @@ uint32_t environment_evaluate(const struct environment *e, const float w[3], flo
 
 /* Skies with the same light on each of six faces are taken for the same one. */
 uint64_t environment_digest(const struct environment *e);
-
-#endif

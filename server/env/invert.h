@@ -1,6 +1,5 @@
 /* Inversion of CDFs for the samplers of this room. Thread: any. */
-#ifndef ENV_INVERT_H
-#define ENV_INVERT_H
+#pragma once
 
 #include "env/cube.h"
 
@@ -54,5 +53,3 @@ static inline double invert_hold(double place)
 /* The unit direction through a position on a face of n x n texels, in texels. It always lies in the texel of that
  * position. */
 void invert_direction(uint32_t n, uint32_t face, double row, double column, float w[3]);
-
-#endif

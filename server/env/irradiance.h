@@ -4,8 +4,7 @@
  * where the integrals are closed forms. On a face with coordinates (u, v) at distance 1, dw = (1 + u^2 + v^2)^-3/2 du
  * dv and the cosine is 1 or v over (1 + u^2 + v^2)^1/2: differences of the corner integrals face +Y:  (v/b atan(u/b) +
  * u/a atan(v/a)) / 2,  a = sqrt(1 + u^2), b = sqrt(1 + v^2) a side:   -atan(u/b) / (2 b),  v along +Y. Thread: any. */
-#ifndef ENV_IRRADIANCE_H
-#define ENV_IRRADIANCE_H
+#pragma once
 
 #include "env/environment.h"
 
@@ -15,5 +14,3 @@ void irradiance_weights(uint32_t n, double *out);
 
 /* E of a frame, which must be ready, by the weights of its n. */
 void irradiance_upward(const struct environment *e, const double *weights, double rgb[3]);
-
-#endif

@@ -7,8 +7,7 @@
  * Marginal and conditional [Nori]: a row by the marginal CDF, a column by the row's CDF, a position within the texel
  * uniform in solid angle, and pdf(w) = p(texel) / solid angle.
  * Thread: one at a time may build; then any number may read. Memory is reused. */
-#ifndef ENV_LATLONG_H
-#define ENV_LATLONG_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/err.h"
@@ -45,5 +44,3 @@ void latlong_sample(const struct latlong *t, const double x[2], float w[3], floa
 void latlong_evaluate_rows(const struct latlong *t, const float w[3], float rgb[3], float *pdf);
 /* Marginal and conditional. */
 void latlong_evaluate(const struct latlong *t, const float w[3], float rgb[3], float *pdf);
-
-#endif

@@ -18,8 +18,7 @@
  * The image circle of ball and fisheye is the largest centred one; everything outside is masked.
  *
  * Thread: any. */
-#ifndef ENV_LAYOUT_H
-#define ENV_LAYOUT_H
+#pragma once
 
 #include "env/cube.h"
 #include "base/err.h"
@@ -80,5 +79,3 @@ double layout_shown(enum layout layout); /* covered solid angle: 4 pi or 2 pi, s
 
 /* The covered solid angle, sr, of a rectangle on a face of the cube map. */
 double layout_shown_of_face(enum layout layout, uint32_t face, double u0, double v0, double u1, double v1);
-
-#endif

@@ -4,8 +4,7 @@
  *
  * A place exists only for a lookup in the source itself, that is, for pixels no wider than its texels (almost all of an
  * image's background), and not at the rim of a ball or fisheye, where texels are masked. Thread: any. */
-#ifndef ENV_LOOKUP_PLACE_H
-#define ENV_LOOKUP_PLACE_H
+#pragma once
 
 #include "env/environment.h"
 #include "env/resample_table.h"
@@ -57,5 +56,3 @@ static inline void lookup_at(const struct lookup_image *from, const struct looku
     for (int i = 0; i < 3; i++)
         rgb[i] = from->gain * ((a * t[i] + b * t[right + i] + c * t[down + i] + d * t[right + down + i]) / whole);
 }
-
-#endif

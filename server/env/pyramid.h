@@ -9,8 +9,7 @@
  * make the sky beside a sun of 10^6 negative.
  *
  * Thread: one frame at a time; between frames any number may look up. */
-#ifndef ENV_PYRAMID_H
-#define ENV_PYRAMID_H
+#pragma once
 
 #include <stdint.h>
 
@@ -48,5 +47,3 @@ void pyramid_end(struct pyramid *p);
 
 /* Bilinear lookup in a level along w (nonzero), continuous everywhere, including across face edges. */
 void pyramid_lookup(const struct pyramid *p, uint32_t level, const float w[3], float rgb[3]);
-
-#endif

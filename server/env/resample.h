@@ -4,8 +4,7 @@
  * fisheye's lower hemisphere) get the mean of the covered ones [LPG13, 3]. An image of many more texels than the cube
  * map can use is first reduced to blocks of factor x factor texels, weighted by solid angle, so that the table stays
  * below about 100 MB. Thread: one at a time, except resampler_band. */
-#ifndef ENV_RESAMPLE_H
-#define ENV_RESAMPLE_H
+#pragma once
 
 #include "base/err.h"
 #include "env/resample_table.h"
@@ -37,5 +36,3 @@ void resampler_load(struct resampler *r, const float *rgb);
 /* Computes band b of face f, b < (n + 7) / 8: rows 8 b .. 8 b + 7 of the cube map of the loaded frame, times gain, to
  * texels[8][RESAMPLE_PITCH(n)][4]. The fourth float and the padding are undefined. Thread: any. */
 void resampler_band(const struct resampler *r, float gain, uint32_t face, uint32_t b, float *texels);
-
-#endif

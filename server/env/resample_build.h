@@ -1,7 +1,6 @@
 /* Construction of the table of resample.h: dividing the source into blocks, and two ways to find overlaps. Private to
  * this room. Thread: any, on separate objects. */
-#ifndef ENV_RESAMPLE_BUILD_H
-#define ENV_RESAMPLE_BUILD_H
+#pragma once
 
 #include "env/cube.h"
 #include "base/err.h"
@@ -86,5 +85,3 @@ MUST_CHECK enum err resample_make_share(struct resample_table *t, const struct b
  * the image, float[height][width][3]; out: float[columns][3]. */
 void resample_reduce_row(const struct resample_table *t, const struct blocks *b, const float *rgb, uint32_t y,
                          float *out);
-
-#endif

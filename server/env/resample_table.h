@@ -4,8 +4,7 @@
  *
  * A `struct resample_tables` is the list of tables in use, with its own lock, through which environments share them.
  * Its creator owns it and destroys it after the last environment that uses it. Thread: any. */
-#ifndef ENV_RESAMPLE_TABLE_H
-#define ENV_RESAMPLE_TABLE_H
+#pragma once
 
 #include "base/err.h"
 #include "codec/image.h"
@@ -71,5 +70,3 @@ void resample_tables_destroy(struct resample_tables *s); /* no table may be in u
 MUST_CHECK enum err resample_table_take(struct resample_tables *s, const struct resample_key *key,
                                         struct resample_table **out);
 void resample_table_release(struct resample_tables *s, struct resample_table *t); /* t may be NULL */
-
-#endif

@@ -2,8 +2,7 @@
  * the sphere with its own density: the whole sphere, a face of the cube map or a cell of it, or the sun. Samples of a
  * stratum invert its tables with a progressive low-discrepancy sequence, so that each prefix is itself well
  * distributed. Thread: one at a time may draw; then any number may read. */
-#ifndef ENV_SAMPLES_H
-#define ENV_SAMPLES_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/err.h"
@@ -73,5 +72,3 @@ bool environment_sample(const struct environment *e, const double x[2], float w[
 
 /* The density with which environment_sample draws w, and the radiance there. Thread: any. */
 float environment_sample_density(const struct environment *e, const float w[3], float rgb[3]);
-
-#endif

@@ -9,8 +9,7 @@
  * bright. A bright part with less than a thousandth of the energy stays in the cells.
  *
  * Thread: one per struct sky_split; then any number may read. The results do not depend on the number of threads. */
-#ifndef ENV_SKY_SPLIT_H
-#define ENV_SKY_SPLIT_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/err.h"
@@ -74,5 +73,3 @@ void sky_split_sample(const struct sky_split *s, const struct environment *e, co
 
 /* The probability density with which sky_split_sample draws w, sr^-1; 0 outside the bright part. */
 float sky_split_density(const struct sky_split *s, const struct environment *e, const float w[3]);
-
-#endif

@@ -16,8 +16,7 @@
  * least a tenth of the sky's energy.
  *
  * Thread: one at a time may build; then any number may read. Memory is reused from frame to frame. */
-#ifndef ENV_SKY_TABLE_H
-#define ENV_SKY_TABLE_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/err.h"
@@ -82,5 +81,3 @@ uint32_t sky_table_evaluate(const struct sky_table *t, const float w[3], float r
 
 /* The sun's density, sr^-1, in a texel brighter than t->level, if has_sun; 0 off the sun. */
 float sky_table_sun(const struct sky_table *t, uint32_t texel, float jacobian);
-
-#endif

@@ -18,8 +18,7 @@
  * turns. The contents depend only on seed and turn, not on earlier turns.
  *
  * Thread: one at a time per store. Functions run on all OpenMP threads; results do not depend on their number. */
-#ifndef ESTIMATORS_CAUSTIC_STORE_H
-#define ESTIMATORS_CAUSTIC_STORE_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/err.h"
@@ -89,5 +88,3 @@ MUST_CHECK enum err caustic_store_light_half(struct caustic_store *s, const stru
                                              uint32_t half, float *rgb);
 
 const struct caustic_store_stats *caustic_store_stats(const struct caustic_store *s); /* owned by the store */
-
-#endif

@@ -5,8 +5,7 @@
  * with the geometric and the shading normal are both positive. Thread: one per struct direct. direct_shade runs on all
  * OpenMP threads; its result does not depend on their number.
  */
-#ifndef ESTIMATORS_DIRECT_H
-#define ESTIMATORS_DIRECT_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/err.h"
@@ -98,5 +97,3 @@ MUST_CHECK enum err direct_shade(struct direct *d, const struct gbuffer *g, cons
  * for the sun. A cell gets the largest count that any packet needs, at most ceil(N q) for the largest share q that it
  * has at a packet. */
 const struct light_samples *direct_samples(const struct direct *d);
-
-#endif

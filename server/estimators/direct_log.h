@@ -1,8 +1,7 @@
 /* A log of one shading point's samples, which the kernel records while it shades (direct_desc.log). The values are
  * those of the actual run, so their sum equals the point's radiance exactly. Thread: that of direct_shade. The log owns
  * its arrays. */
-#ifndef ESTIMATORS_DIRECT_LOG_H
-#define ESTIMATORS_DIRECT_LOG_H
+#pragma once
 
 #include "base/err.h"
 #include "env/samples.h"
@@ -36,5 +35,3 @@ struct direct_log {
 };
 
 void direct_log_finish(struct direct_log *log); /* frees the arrays; zeroed memory is allowed */
-
-#endif

@@ -12,8 +12,7 @@
  * [Veach 1997, section 10.4]. Paths of more than PATH_EVENTS_MAX events are omitted.
  * Radiance in glass is n^2 times that outside; contributions are scaled accordingly.
  * Thread: one at a time per scratch; runs on all OpenMP threads. */
-#ifndef ESTIMATORS_EYE_PATHS_H
-#define ESTIMATORS_EYE_PATHS_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/err.h"
@@ -73,5 +72,3 @@ bool eye_paths_can_find(const struct scene *scene, const struct eye_paths_desc *
 MUST_CHECK enum err eye_paths_shade(const struct scene *scene, const struct rays *rays, const struct gbuffer *g,
                                     const struct environment *e, const struct eye_paths_desc *desc, float *lo,
                                     struct eye_paths_stats *stats);
-
-#endif

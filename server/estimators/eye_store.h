@@ -8,8 +8,7 @@
  * the same N paths light every frame: noise does not flicker, and does not average out over frames either.
  *
  * Thread: one at a time per store. Functions run on all OpenMP threads; results do not depend on their number. */
-#ifndef ESTIMATORS_EYE_STORE_H
-#define ESTIMATORS_EYE_STORE_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/err.h"
@@ -47,5 +46,3 @@ void eye_store_destroy(struct eye_store *s); /* NULL is allowed */
 void eye_store_light(const struct eye_store *s, const struct environment *e, float *lo);
 
 const struct eye_store_stats *eye_store_stats(const struct eye_store *s); /* owned by the store */
-
-#endif

@@ -2,8 +2,7 @@
  * results are the same on all machines; between levels they may differ by rounding only. (In practice they are equal,
  * since levels differ in vector width only, without contraction and with the same order of sums:
  * tests/unit/estimators/kernelcheck.c.) Thread: any. */
-#ifndef ESTIMATORS_KERNELS_H
-#define ESTIMATORS_KERNELS_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/cpu.h"
@@ -64,5 +63,3 @@ struct kernels {
 /* Selects the best level this CPU supports, or the one named ("baseline", "v3", "v4"). ERR_USAGE: unknown or not
  * supported. */
 MUST_CHECK enum err kernels_select(const char *level, const struct kernels **out, struct reason *why);
-
-#endif

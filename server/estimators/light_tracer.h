@@ -13,8 +13,7 @@
  * paths without bias; paths of more than PATH_EVENTS_MAX events are omitted.
  *
  * Surfaces seen in a mirror or through glass are out of reach; eye_paths.h handles them. Thread: one per tracer. */
-#ifndef ESTIMATORS_LIGHT_TRACER_H
-#define ESTIMATORS_LIGHT_TRACER_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/err.h"
@@ -72,5 +71,3 @@ void light_tracer_destroy(struct light_tracer *t); /* NULL is allowed */
 MUST_CHECK enum err light_tracer_run(struct light_tracer *t, const struct environment *e,
                                      const struct light_tracer_desc *desc, float *rgb,
                                      struct light_tracer_stats *stats);
-
-#endif

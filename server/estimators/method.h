@@ -1,6 +1,5 @@
 /* The methods for direct light (--method) and their sampling techniques. Thread: any. */
-#ifndef ESTIMATORS_METHOD_H
-#define ESTIMATORS_METHOD_H
+#pragma once
 
 #include "base/choice.h"
 #include "env/samples.h"
@@ -54,5 +53,3 @@ const char *method_name(enum method m); /* static; any thread */
 
 /* Whether the method renders a whole image without a G-buffer. It then has no recipe. */
 bool method_is_reference(enum method m);
-
-#endif

@@ -1,8 +1,7 @@
 /* Directions in 4 bytes: 3 bits of face, 14 of row and 14 of column of a cube map with 2^14 texels per edge. On any
  * cube map whose edge divides that, the texel is the one of cube_texel; on others possibly a neighbour. Private to this
  * room. Thread: any. */
-#ifndef ESTIMATORS_PACKED_DIRECTION_H
-#define ESTIMATORS_PACKED_DIRECTION_H
+#pragma once
 
 #include "env/cube.h"
 
@@ -25,5 +24,3 @@ static inline uint32_t direction_texel(uint32_t packed, uint32_t n)
 
     return ((packed >> 2 * DIRECTION_BITS) * n + (row * n >> DIRECTION_BITS)) * n + (column * n >> DIRECTION_BITS);
 }
-
-#endif

@@ -3,8 +3,7 @@
  * A particle starts with flux L / (p_w p_y) / N on a line of direction -w, is traced through the scene, and leaves a
  * splat wherever the camera sees it on a rough surface; light_tracer.h has the equations. The run determines the
  * sampled directions and their L. Thread: one at a time per struct particles. */
-#ifndef ESTIMATORS_PARTICLES_H
-#define ESTIMATORS_PARTICLES_H
+#pragma once
 
 #include "estimators/light_tracer.h"
 #include "estimators/packed_direction.h"
@@ -66,5 +65,3 @@ void particles_aim(const struct particles *p, bool aimed, uint32_t starts_per_di
 MUST_CHECK enum err particles_trace(struct particles *p, const struct particle_run *run,
                                     enum err (*take)(void *user, const struct particle_splat *splats, size_t count),
                                     void *user, struct light_tracer_stats *stats);
-
-#endif

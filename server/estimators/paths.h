@@ -9,8 +9,7 @@
  *   behind specular  E S+ D S+ L        caustics and interreflection at points seen in a mirror or through glass
  *                    E S+ D (S* D)+ S* L  (shade_packet.behind), which light paths cannot reach:
  *                                       eye_paths.h */
-#ifndef ESTIMATORS_PATHS_H
-#define ESTIMATORS_PATHS_H
+#pragma once
 
 #include "base/err.h"
 
@@ -29,5 +28,3 @@ enum path_class { /* bits */
 /* Maximum number of events of a path. Russian roulette ends lossy paths much earlier; the limit cuts off reflections
  * between lossless mirrors and glass. */
 #define PATH_EVENTS_MAX 256
-
-#endif

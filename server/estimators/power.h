@@ -1,6 +1,5 @@
 /* Three numbers as bytes with a shared power of two [Ward 1991]: what a stored splat carries. */
-#ifndef ESTIMATORS_POWER_H
-#define ESTIMATORS_POWER_H
+#pragma once
 
 #include <math.h>
 #include <stdint.h>
@@ -38,5 +37,3 @@ static inline float power_unit(uint32_t packed)
     memcpy(&unit, &bits, sizeof(unit));
     return unit;
 }
-
-#endif

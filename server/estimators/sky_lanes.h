@@ -1,8 +1,7 @@
 /* Sky lookups for 16 directions at once: radiance and densities, bit-identical to environment_evaluate and
  * sky_table_evaluate. Scalar lookups took a quarter of a frame, since each waits for a texel outside the near caches;
  * sixteen lookups overlap their waits. Included by kernels only. */
-#ifndef ESTIMATORS_SKY_LANES_H
-#define ESTIMATORS_SKY_LANES_H
+#pragma once
 
 #include "env/environment.h"
 #include "brdf/lanes.h"
@@ -116,5 +115,3 @@ static inline void sky_lookup(const struct environment *e, const struct sky_tabl
     else
         environment_lanes(e, p, out);
 }
-
-#endif

@@ -4,8 +4,7 @@
  * Several boxes form a mixture: a box is selected in proportion to the area of its shape, a position in it uniformly,
  * so that p = (number of shapes that the line crosses) / (sum of their areas). Every line that hits a box is possible.
  * Thread: any. */
-#ifndef ESTIMATORS_START_H
-#define ESTIMATORS_START_H
+#pragma once
 
 #include "scene/scene.h"
 #include "base/vec.h"
@@ -52,5 +51,3 @@ bool start_sample(const struct start *s, const double x[2], struct vec3 *origin,
 /* Reduces the boxes, in place, to at most START_BOXES_MAX by joining the pairs whose common box adds the least surface
  * area. Returns the number left. */
 uint32_t start_join(struct box *boxes, size_t count);
-
-#endif

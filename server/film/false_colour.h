@@ -1,7 +1,6 @@
 /* False colour: luminance as a colour from dark blue over green and yellow to red, ever brighter up to yellow. Thread:
  * any. */
-#ifndef FILM_FALSE_COLOUR_H
-#define FILM_FALSE_COLOUR_H
+#pragma once
 
 #include <stdint.h>
 
@@ -14,5 +13,3 @@ void false_colour(double share, uint8_t rgb[3]);
 
 /* The place on that scale, 0..1; NaN counts as 0. */
 double false_colour_share(double exposed);
-
-#endif

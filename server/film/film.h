@@ -1,7 +1,6 @@
 /* The display transform: exposure, tone curve, 8-bit sRGB. Linear images are float[height][width][3], linear Rec.709
  * radiance, top row first. Thread: any, one per struct exposure. The caller owns all arrays. */
-#ifndef FILM_FILM_H
-#define FILM_FILM_H
+#pragma once
 
 #include "base/choice.h"
 
@@ -87,5 +86,3 @@ double tone_pq(double luminance);
 /* Applies gain, primaries of Rec.2020 and PQ and writes uint16_t[height][width][3], of which 65535 is a signal of 1.
  * NaN and negative light become 0. Uses all OpenMP threads. */
 void tone_map_pq(const float *rgb, uint32_t width, uint32_t height, double gain, uint16_t *out);
-
-#endif

@@ -1,8 +1,7 @@
 /* Scales an image down: each new pixel is the mean of the area that it covers, in linear light, so that fine bright
  * detail keeps its energy. Images are [height][width][3], top row first. Thread: any, one per struct scaler.
  */
-#ifndef FILM_SCALE_H
-#define FILM_SCALE_H
+#pragma once
 
 #include <stdint.h>
 
@@ -20,5 +19,3 @@ void scale_srgb(struct scaler *s, const uint8_t *from, uint32_t width, uint32_t 
                 uint32_t to_height);
 /* Linear values, finite. */
 void scale_linear(const float *from, uint32_t width, uint32_t height, float *to, uint32_t to_width, uint32_t to_height);
-
-#endif

@@ -1,7 +1,6 @@
 /* From exposed light to code values by tables made for one curve: the inner loop of tone_map. Private to this room, its
  * tests and benchmarks. Thread: any. The caller owns all arrays. */
-#ifndef FILM_TONE_KERNEL_H
-#define FILM_TONE_KERNEL_H
+#pragma once
 
 #include "base/cpu.h"
 #include "film/film.h"
@@ -35,5 +34,3 @@ struct tone_kernel {
 
 /* The kernel of a CPU level by name (base/cpu.h); the best supported one if level is NULL or not supported. */
 const struct tone_kernel *tone_kernel_select(const char *level);
-
-#endif

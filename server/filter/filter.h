@@ -20,8 +20,7 @@
  * the averaged v.
  *
  * The filter is biased where light changes within the noise: docs/internals/where-methods-fail.md. */
-#ifndef FILTER_FILTER_H
-#define FILTER_FILTER_H
+#pragma once
 
 #include "scene/gbuffer.h"
 #include "scene/view.h"
@@ -38,5 +37,3 @@ void filter_destroy(struct filter *f); /* NULL is allowed */
  * float[packet_count][3][16], as direct_shade writes them, `to` none of the halves. Runs on all OpenMP threads; the
  * bits do not depend on their number. Thread: one at a time. */
 void filter_run(struct filter *f, const float *const half[2], float *to);
-
-#endif

@@ -1,7 +1,6 @@
 /* One level of the filter on rows of pixels: the inner loop of filter_run. Private to this room and its tests. Thread:
  * any; the caller owns all arrays. */
-#ifndef FILTER_FILTER_KERNEL_H
-#define FILTER_FILTER_KERNEL_H
+#pragma once
 
 #include "base/cpu.h"
 
@@ -58,5 +57,3 @@ struct filter_kernel {
 
 /* The kernel of a CPU level by name (base/cpu.h); the best supported one if level is NULL or not supported. */
 const struct filter_kernel *filter_kernel_select(const char *level);
-
-#endif

@@ -1,6 +1,5 @@
 /* Which points of a G-buffer are filtered together. Private to this room. Thread: one at a time. */
-#ifndef FILTER_FILTER_LAYERS_H
-#define FILTER_FILTER_LAYERS_H
+#pragma once
 
 #include "filter/filter_kernel.h"
 #include "scene/gbuffer.h"
@@ -38,5 +37,3 @@ struct filter {
 /* Chooses the points of f->g and fills their surfaces. false: out of memory; filter_layers_free frees what there is. */
 bool filter_layers_make(struct filter *f, const struct view *v);
 void filter_layers_free(struct filter *f);
-
-#endif

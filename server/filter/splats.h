@@ -2,8 +2,7 @@
  * excess of a pixel over four times the brightest of the 24 around it, in the sum of its channels, is spread evenly
  * over the 5 x 5 pixels: the picture keeps its light, which moves by two pixels at most. Lines and spots of caustics
  * have bright neighbours and stay. */
-#ifndef FILTER_SPLATS_H
-#define FILTER_SPLATS_H
+#pragma once
 
 #include "base/err.h"
 
@@ -12,5 +11,3 @@
 /* splats: float[height][width][3], of particles only, changed in place. Bits do not depend on the number of threads.
  * ERR_NOMEM: unchanged. Thread: any. */
 MUST_CHECK enum err splats_spread(float *splats, uint32_t width, uint32_t height);
-
-#endif

@@ -1,8 +1,7 @@
 /* Filters the light at shade points, which it holds as two independent halves (filter/filter.h). A relighter's
  * pictures are then P(F) plus background and particles: F is the filtered light, P maps points to pixels. Light that
  * the light tracer adds to pixels is not filtered. Thread: one at a time. */
-#ifndef HISTORY_DENOISE_H
-#define HISTORY_DENOISE_H
+#pragma once
 
 #include "scene/gbuffer.h"
 #include "scene/view.h"
@@ -20,5 +19,3 @@ float *denoiser_half(struct denoiser *d, int k);
 /* Writes the filtered mean of two halves, d's own or others, to lo; all float[packet_count][3][16]. lo is none of the
  * halves. */
 void denoiser_filter(struct denoiser *d, const float *const half[2], float *lo);
-
-#endif

@@ -21,8 +21,7 @@
  * displayed light moves to the filter's output in equal steps until the next one, so that it does not jump. It also
  * changes with C, and is C itself as far as that is final. One thread of control. The bits depend on the order of
  * pictures and the progress of the cache, so lockstep renders must not use it. */
-#ifndef HISTORY_HISTORY_H
-#define HISTORY_HISTORY_H
+#pragma once
 
 #include "history/denoise.h"
 
@@ -80,5 +79,3 @@ const float *history_half(const struct history *h, int k);
 /* Writes the picture's light to lo, float[packet_count][3][16]. more: two halves of further light of this picture, in
  * the same layout, which are filtered together with it if no cache exists; NULL: none. Ends the picture. */
 void history_show(struct history *h, const float *const more[2], float *lo);
-
-#endif

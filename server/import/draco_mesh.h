@@ -1,6 +1,5 @@
 /* Draco's C++ library behind functions of C. Private to this room. Thread: one at a time. */
-#ifndef IMPORT_DRACO_MESH_H
-#define IMPORT_DRACO_MESH_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -44,6 +43,4 @@ bool draco_mesh_attribute(const struct draco_mesh *m, uint32_t id, enum draco_nu
 
 #ifdef __cplusplus
 }
-#endif
-
 #endif

@@ -1,6 +1,5 @@
 /* The parts of our reader of glTF 2.0 [glTF 2.0]. Private to this room. Thread: one at a time. */
-#ifndef IMPORT_GLTF_H
-#define IMPORT_GLTF_H
+#pragma once
 
 #include "import/parts.h"
 
@@ -219,5 +218,3 @@ MUST_CHECK enum err gltf_add_node_light(struct gltf *g, const struct gltf_at *no
 
 /* Refuses required extensions that are not supported, and names those that are ignored. ERR_UNSUPPORTED. */
 MUST_CHECK enum err gltf_check_extensions(const struct gltf *g);
-
-#endif

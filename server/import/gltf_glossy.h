@@ -1,6 +1,5 @@
 /* KHR_materials_pbrSpecularGlossiness as `ggx`. Private to this room. Thread: one at a time. */
-#ifndef IMPORT_GLTF_GLOSSY_H
-#define IMPORT_GLTF_GLOSSY_H
+#pragma once
 
 #include "import/gltf_source.h"
 
@@ -20,5 +19,3 @@ struct glossy_texel { /* of the conversion, all 0..1 and linear */
  *     0.96 (1 - metallic) base = diffuse (1 - max specular),    0.04 (1 - metallic) + metallic base = specular
  * for the luminance, where specular is at least 0.04; then base is the least-squares solution per channel. */
 void glossy_convert(const float diffuse[3], const float specular[3], float glossiness, struct glossy_texel *out);
-
-#endif

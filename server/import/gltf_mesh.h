@@ -1,6 +1,5 @@
 /* Parts of a mesh of glTF. Private to this room. Thread: one at a time. */
-#ifndef IMPORT_GLTF_MESH_H
-#define IMPORT_GLTF_MESH_H
+#pragma once
 
 #include "import/gltf.h"
 
@@ -82,5 +81,3 @@ void gltf_transform_point(const double m[16], float p[3]);
 void gltf_transform_normal(const double c[9], double side, float n[3]);
 /* Reverses the winding. */
 void mesh_turn_over(struct mesh *m);
-
-#endif

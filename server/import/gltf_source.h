@@ -1,6 +1,5 @@
 /* What readers of a glTF file's materials share. Private to this room. Thread: one at a time. */
-#ifndef IMPORT_GLTF_SOURCE_H
-#define IMPORT_GLTF_SOURCE_H
+#pragma once
 
 #include "import/gltf_textures.h"
 
@@ -49,5 +48,3 @@ MUST_CHECK enum err gltf_read_coat(struct gltf_source *s, const struct gltf_at *
 /* KHR_materials_sheen, of the material `at`. ERR_FORMAT, ERR_NOMEM. */
 MUST_CHECK enum err gltf_read_sheen(struct gltf_source *s, const struct gltf_at *at, struct material *m,
                                     struct gltf_surface *surface);
-
-#endif

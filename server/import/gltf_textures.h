@@ -1,6 +1,5 @@
 /* Textures of glTF: each image is read once per use. Private to this room. Thread: one at a time. */
-#ifndef IMPORT_GLTF_TEXTURES_H
-#define IMPORT_GLTF_TEXTURES_H
+#pragma once
 
 #include "import/gltf.h"
 
@@ -43,5 +42,3 @@ struct gltf_image {         /* an image by itself, sRGB with alpha */
  * as above. ERR_FORMAT, ERR_RANGE, ERR_NOMEM. */
 MUST_CHECK enum err gltf_texture_image(struct gltf_images *s, const struct gltf_at *at, const char *instead,
                                        struct gltf_image *out);
-
-#endif

@@ -1,7 +1,6 @@
 /* Reads scene files and all that they name, in this process: call it in one that is confined (reader/reader.h), since
  * the libraries behind it are not made for hostile files. Thread: one at a time. */
-#ifndef IMPORT_IMPORT_H
-#define IMPORT_IMPORT_H
+#pragma once
 
 #include "reader/host.h"
 #include "scene/scene.h"
@@ -11,5 +10,3 @@
  * ERR_FORMAT: malformed JSON or model, an unknown material. ERR_RANGE: a value outside its limits. ERR_UNSUPPORTED: an
  * unknown file format. ERR_NOMEM. Unsupported features are named once each in a warning. */
 MUST_CHECK enum err import_scene(const char *path, const struct host *host, struct scene **out, struct reason *why);
-
-#endif

@@ -1,7 +1,6 @@
 /* The parts of JSON scenes: json.c reads materials, cameras and lights, json_models.c places models. Private to this
  * room. Thread: one at a time. */
-#ifndef IMPORT_JSON_PARTS_H
-#define IMPORT_JSON_PARTS_H
+#pragma once
 
 #include "import/parts.h"
 
@@ -33,5 +32,3 @@ MUST_CHECK enum err spot_string(const struct spot *s, const char *key, const cha
 
 /* Adds the models of the scene file. Errors of model_load. */
 MUST_CHECK enum err json_add_models(const struct spot *root);
-
-#endif

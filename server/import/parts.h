@@ -1,6 +1,5 @@
 /* The parts of import.h. Private to this room. Thread: one at a time. */
-#ifndef IMPORT_PARTS_H
-#define IMPORT_PARTS_H
+#pragma once
 
 #include "reader/host.h"
 #include "scene/scene_build.h"
@@ -126,5 +125,3 @@ static inline float srgb_to_linear(float v)
 {
     return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
 }
-
-#endif

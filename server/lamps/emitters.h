@@ -1,7 +1,6 @@
 /* The emitters of a scene: a table of its emissive triangles, and its punctual lights. Immutable once created. Thread:
  * any number may read. */
-#ifndef LAMPS_EMITTERS_H
-#define LAMPS_EMITTERS_H
+#pragma once
 
 #include "base/vec.h"
 #include "scene/rays.h"
@@ -46,5 +45,3 @@ bool emitters_pick_light(const struct emitters *e, struct vec3 from, double x, s
 /* The irradiance of a surface at `from` that faces the light. dir: towards the light, unit; *distance: INFINITY for
  * directional lights. The spot's falloff is the square of a linear function of the cosine [KHR_lights_punctual]. */
 void light_arrive(const struct punctual_light *l, struct vec3 from, struct vec3 *dir, double *distance, double rgb[3]);
-
-#endif

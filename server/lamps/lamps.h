@@ -1,8 +1,7 @@
 /* Computes the radiance of a G-buffer's shading points from the scene's own emitters, in successive batches of samples.
  * Sample i of a point does not depend on the batch sizes; sums are in float, in the order of batches. Thread: one at a
  * time; runs on all OpenMP threads, and the result does not depend on their number. */
-#ifndef LAMPS_LAMPS_H
-#define LAMPS_LAMPS_H
+#pragma once
 
 #include "base/err.h"
 #include "scene/gbuffer.h"
@@ -40,5 +39,3 @@ bool lamps_refine(struct lamps *l, uint32_t samples, const atomic_bool *cancel);
 /* float[packet_count][3][16]: the sums over all samples, in the layout for resolve_pixels. Borrowed. */
 const float *lamps_sums(const struct lamps *l);
 void lamps_get_stats(const struct lamps *l, struct lamps_stats *out);
-
-#endif

@@ -6,8 +6,7 @@
  * counts with weight 1, and punctual lights, which no ray can hit, contribute no light. One ray continues from each
  * event, selected in proportion to throughput; Russian roulette ends paths without bias [Veach 1997, section 10.4].
  * Thread: any. */
-#ifndef LAMPS_WALK_H
-#define LAMPS_WALK_H
+#pragma once
 
 #include "base/rng.h"
 #include "brdf/lobe.h"
@@ -40,5 +39,3 @@ struct walk_start { /* a shading point */
 /* Adds the radiance of one path to sum, and its rays to *rays. */
 void walk_sample(const struct walk_world *world, const struct walk_start *start, const double x[WALK_NUMBERS],
                  struct rng *rng, double sum[3], uint64_t *rays);
-
-#endif

@@ -11,8 +11,7 @@
  * With a ground (backplate.h), splats on it go to points of the ground, and the others to other points. Stored paths
  * follow the sky without a history; their two halves are filtered together with the history's. One thread of control.
  */
-#ifndef LIGHT_BESIDE_H
-#define LIGHT_BESIDE_H
+#pragma once
 
 #include "history/denoise.h"
 #include "light/relight_caustics.h"
@@ -44,5 +43,3 @@ MUST_CHECK enum err beside_run(struct beside *b, struct passes *s, struct religh
  * scene's, or NULL. ERR_NOMEM. */
 MUST_CHECK enum err beside_finish(const struct beside *b, struct backplate *ground, const struct environment *e,
                                   float *rgb);
-
-#endif

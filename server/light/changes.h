@@ -1,6 +1,5 @@
 /* Finds exactly which pixels changed since the previous image, and what was computed for their light. */
-#ifndef LIGHT_CHANGES_H
-#define LIGHT_CHANGES_H
+#pragma once
 
 #include "light/relight.h"
 
@@ -29,5 +28,3 @@ void changes_finish(struct changes *c); /* zeroed memory is allowed */
 /* The map as an image, [height][width][3]: red where the radiance changed, green where light was computed, blue where
  * rays were traced; 255 or 0. */
 void changes_paint(const struct changes *c, uint8_t *rgb);
-
-#endif

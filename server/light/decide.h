@@ -5,8 +5,7 @@
  * error measures (pilot.h). METHOD_AUTO uses the light transport cache if its bias is allowed and choose/buy.h finds
  * that it pays off. With counts that is decided before the first frame; with a time or an error after measured frames,
  * or at once if the cache is computed in the background. Thread: the relighter's. */
-#ifndef LIGHT_DECIDE_H
-#define LIGHT_DECIDE_H
+#pragma once
 
 #include "choose/buy.h"
 #include "light/pilot.h"
@@ -93,5 +92,3 @@ double decider_target_s(const struct decider *d, struct relighter *r, double int
 /* Minimum seconds between pictures while a cache is computed in the background: fewer pictures leave more time for the
  * cache. 0: no limit. */
 double decider_interval_s(const struct decider *d);
-
-#endif

@@ -1,7 +1,6 @@
 /* The inputs of choose/plan.h: the contents of the scene and the distribution of the sky's light. Pure functions.
  * Thread: any. */
-#ifndef LIGHT_FACTS_H
-#define LIGHT_FACTS_H
+#pragma once
 
 #include "env/environment.h"
 #include "scene/gbuffer.h"
@@ -14,5 +13,3 @@ void facts_of_set(const struct scene *scene, const struct gbuffer *g, struct pla
 /* Mean square of the sky's luminance over the square of its mean, over the sphere: 1 for a uniform sky; the excess over
  * 1 measures the extra variance of directions sampled without importance sampling of the sky. 0 under a black sky. */
 double facts_peakedness(const struct environment *e);
-
-#endif

@@ -2,8 +2,7 @@
  * whole image, so that
  *     direct + indirect + caustics + background = the image without its filter,     sun + sky = direct
  * up to rounding. One thread of control, that of the relighter. */
-#ifndef LIGHT_LAYERS_H
-#define LIGHT_LAYERS_H
+#pragma once
 
 #include "light/relight.h"
 
@@ -41,5 +40,3 @@ float layers_error(const float *whole, const float *half, uint32_t width, uint32
  */
 MUST_CHECK enum err relighter_run_layers(struct relighter *r, struct environment *e, const struct relight_desc *desc,
                                          struct layers *l, float *rgb, struct relight_stats *stats);
-
-#endif

@@ -5,8 +5,7 @@
  *
  * The first process does everything else: light added to pixels, resolving, histories and filters of noisy images. An
  * image that needs these at its shade points is not distributed. Thread: the relighter's. */
-#ifndef LIGHT_PART_H
-#define LIGHT_PART_H
+#pragma once
 
 #include "light/relight_passes.h"
 
@@ -70,5 +69,3 @@ struct packet_list light_part_list(const struct packet_list *all, const struct l
 MUST_CHECK enum err relighter_run_part(struct relighter *r, const struct environment *e,
                                        const struct picture_passes *passes, const struct light_part *part, float *lo,
                                        struct relight_stats *stats);
-
-#endif

@@ -13,8 +13,7 @@
  * the whole scene; each with a count, or omitted if its time is better spent elsewhere.
  *
  * Choices depend on the clock, so the same input does not give the same bits. Thread: the relighter's. */
-#ifndef LIGHT_PILOT_H
-#define LIGHT_PILOT_H
+#pragma once
 
 #include "light/relight.h"
 
@@ -75,5 +74,3 @@ MUST_CHECK enum err pilot_run(struct pilot *p, const struct environment *e, cons
                               struct pilot_stats *measured);
 
 const char *pilot_part_name(enum pilot_part part); /* for reports; static. Any thread. */
-
-#endif

@@ -1,7 +1,6 @@
 /* Shared by the pilot's files: pilot.c makes the frame, pilot_probe.c measures techniques on groups of pixels,
  * pilot_choose.c decides, pilot_report.c fills the statistics. Thread: as pilot.h. */
-#ifndef LIGHT_PILOT_PARTS_H
-#define LIGHT_PILOT_PARTS_H
+#pragma once
 
 #include "choose/budget.h"
 #include "choose/pilot_allot.h"
@@ -140,5 +139,3 @@ double pilot_missing(const struct pilot *p, enum pilot_part part);
 /* Audits the frame and fills its statistics. */
 void pilot_report(struct pilot *p, const struct pilot_target *target, const float *rgb, struct relight_stats *stats,
                   struct pilot_stats *out);
-
-#endif

@@ -1,7 +1,6 @@
 /* One entry point for all methods that render whole images, camera rays included: the reference and the baselines of
  * server/estimators/baselines. */
-#ifndef LIGHT_REFERENCE_H
-#define LIGHT_REFERENCE_H
+#pragma once
 
 #include "light/relight.h"
 
@@ -10,5 +9,3 @@
  * threads. */
 MUST_CHECK enum err reference_run(const struct set *set, const struct environment *e, const struct relight_desc *desc,
                                   float *rgb, struct relight_stats *stats);
-
-#endif

@@ -1,7 +1,6 @@
 /* A static scene, relit by one environment frame after another, for relightd and the tools. A struct set is immutable;
  * any number of threads may read it. A struct relighter belongs to one thread. */
-#ifndef LIGHT_RELIGHT_H
-#define LIGHT_RELIGHT_H
+#pragma once
 
 #include "bounce/bounce.h"
 #include "estimators/caustic_store.h"
@@ -181,5 +180,3 @@ void relighter_split(const struct relighter *r, const struct environment *e, con
 
 /* The radiance at the shade points in the last run, in the layout of direct_shade. Borrowed. */
 const float *relighter_points(const struct relighter *r);
-
-#endif

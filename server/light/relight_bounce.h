@@ -1,7 +1,6 @@
 /* Interreflection by a cache (bounce/bounce.h), in addition to the cache of direct light, if the request includes
  * interreflection and leaves its estimator to the plan. Thread: one. */
-#ifndef LIGHT_RELIGHT_BOUNCE_H
-#define LIGHT_RELIGHT_BOUNCE_H
+#pragma once
 
 #include "bounce/bounce.h"
 #include "light/relight.h"
@@ -47,5 +46,3 @@ MUST_CHECK enum err relight_bounce_make(struct relight_bounce *b, const struct t
 const struct transport_indirect *relight_bounce_take(struct relight_bounce *b, const struct environment *e,
                                                      const struct relight_desc *desc, float *lo,
                                                      struct relight_stats *stats);
-
-#endif

@@ -1,7 +1,6 @@
 /* A thread that computes a relighter's cache of light transport while the relighter renders images
  * (transport/live.h), and then writes its file. */
-#ifndef LIGHT_RELIGHT_BUILDER_H
-#define LIGHT_RELIGHT_BUILDER_H
+#pragma once
 
 #include "light/relight_bounce.h"
 #include "light/relight_keep.h"
@@ -61,5 +60,3 @@ double relight_share(const struct relight_stages *s);
 
 /* The computed share, 0 to 1; 1 only when complete. See relight.h for RELIGHT_COARSE and RELIGHT_DIRECT. */
 double relight_builder_share(const struct relight_builder *b);
-
-#endif

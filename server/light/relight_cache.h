@@ -1,7 +1,6 @@
 /* The light transport cache of `--method cached`, loaded or computed before the relighter's first frame, or on request.
  * Thread: one. */
-#ifndef LIGHT_RELIGHT_CACHE_H
-#define LIGHT_RELIGHT_CACHE_H
+#pragma once
 
 #include "light/relight.h"
 #include "light/relight_bounce.h"
@@ -65,5 +64,3 @@ void relight_cache_versions(struct relight_cache *c, float *final, bool *changed
 
 /* True once there is a finished cache, and frames use no other. */
 bool relight_cache_is_settled(const struct relight_cache *c);
-
-#endif

@@ -1,7 +1,6 @@
 /* The relighter's store of light paths for PLAN_STORED: built before the first frame, or on request; every turn redraws
  * a part of it. One thread. */
-#ifndef LIGHT_RELIGHT_CAUSTICS_H
-#define LIGHT_RELIGHT_CAUSTICS_H
+#pragma once
 
 #include "light/relight.h"
 #include "env/sky_split.h"
@@ -61,5 +60,3 @@ MUST_CHECK enum err relight_caustics_make_behind(struct relight_caustics *c, con
 /* Adds their light to the shade points, if there are any. */
 void relight_caustics_behind(const struct relight_caustics *c, const struct environment *e, float *lo,
                              struct relight_stats *stats);
-
-#endif

@@ -1,7 +1,6 @@
 /* The file of a relighter's cache, at the path of cache/cache_place.h: read before the computation, written after it.
  * Each fault is logged once, and parts that cannot be loaded are computed. Thread: one at a time. */
-#ifndef LIGHT_RELIGHT_KEEP_H
-#define LIGHT_RELIGHT_KEEP_H
+#pragma once
 
 #include "bounce/bounce.h"
 #include "base/digest.h"
@@ -38,5 +37,3 @@ MUST_CHECK enum err relight_keep_load_bounce(struct relight_keep *k, const struc
  * this one. bounce and its desc NULL: no interreflection. */
 void relight_keep_save(struct relight_keep *k, const struct transport *t, const struct bounce *bounce,
                        const struct bounce_desc *desc);
-
-#endif

@@ -3,8 +3,7 @@
  * image = the sky's part + scale * the lamps' part. Either the caller or a separate thread refines it in batches. The
  * same number of samples gives the same bits, at any number of threads. Filtered, it comes as two halves with seeds of
  * their own (filter/filter.h); what the camera sees of the emitters themselves is never filtered. */
-#ifndef LIGHT_RELIGHT_LAMPS_H
-#define LIGHT_RELIGHT_LAMPS_H
+#pragma once
 
 #include "lamps/lamps.h"
 #include "light/relight.h"
@@ -52,5 +51,3 @@ void relight_lamps_pixel(struct relight_lamps *l, uint32_t x, uint32_t y, float 
 
 /* The statistics of the part so far, and the seconds spent on it. */
 void relight_lamps_get_stats(struct relight_lamps *l, struct lamps_stats *out, double *seconds);
-
-#endif

@@ -2,8 +2,7 @@
  * particles from the light. A struct picture_passes describes them: relighter_run fills it by rules, the pilot by
  * measurements, and one function runs it (relight.c). A struct passes holds their working memory. One thread of
  * control. */
-#ifndef LIGHT_RELIGHT_PASSES_H
-#define LIGHT_RELIGHT_PASSES_H
+#pragma once
 
 #include "light/relight.h"
 
@@ -107,5 +106,3 @@ const struct packet_list *relighter_left(const struct relighter *r);
 
 /* The relighter's own passes, after passes_measure: for the pilot. NULL when out of memory. */
 struct passes *relighter_passes(struct relighter *r);
-
-#endif

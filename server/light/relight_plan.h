@@ -1,7 +1,6 @@
 /* Turns a request into the passes of an image, with the plan of choose/plan.h and the requested counts. Pure
  * functions. Thread: any. */
-#ifndef LIGHT_RELIGHT_PLAN_H
-#define LIGHT_RELIGHT_PLAN_H
+#pragma once
 
 #include "light/relight_passes.h"
 
@@ -25,5 +24,3 @@ uint32_t relight_plan_behind(const struct set *set, const struct relight_desc *d
 /* *out borrows desc, bounce and scratch. */
 void relight_plan_passes(const struct set *set, const struct bounce *bounce, struct scratch *scratch,
                          const struct relight_desc *desc, const struct plan *p, struct picture_passes *out);
-
-#endif

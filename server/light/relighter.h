@@ -1,7 +1,6 @@
 /* The relighter's state. Private to this room: only relight.c, part.c and stated.c include it. Thread: the
  * relighter's. */
-#ifndef LIGHT_RELIGHTER_H
-#define LIGHT_RELIGHTER_H
+#pragma once
 
 #include "light/relight_cache.h"
 #include "light/relight_caustics.h"
@@ -28,5 +27,3 @@ struct relighter {
 
 /* Fills r->packets. False: out of memory. */
 bool relighter_number_packets(struct relighter *r);
-
-#endif

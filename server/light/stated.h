@@ -1,8 +1,5 @@
 /* Audits the relighter's pictures and states their error (audit/audit.h): relighter_state_error of relight_passes.h.
  * Private to this room. Thread: the relighter's. */
-#ifndef LIGHT_STATED_H
-#define LIGHT_STATED_H
+#pragma once
 struct stated;
 void stated_destroy(struct stated *s); /* NULL is allowed */
-
-#endif

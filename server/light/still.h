@@ -20,8 +20,7 @@
  * light tracer continue one sequence each, so m is slightly better than V suggests.
  *
  * The same passes give the same bits, at any number of threads. One thread of control. */
-#ifndef LIGHT_STILL_H
-#define LIGHT_STILL_H
+#pragma once
 
 #include "light/relight.h"
 
@@ -57,5 +56,3 @@ void still_look(struct still *s, const struct still_wish *wish, struct still_sta
 
 /* rgb: float[height][width][3], the displayed image as of the last still_look; before that, the first image. */
 void still_picture(const struct still *s, float *rgb);
-
-#endif

@@ -1,7 +1,6 @@
 /* The text messages of relight.v1 (PROTOCOL.md sections 3 to 5): JSON to checked values and back. No sockets, no state;
  * any thread. */
-#ifndef MESSAGE_MESSAGE_H
-#define MESSAGE_MESSAGE_H
+#pragma once
 
 #include "base/setting.h"
 #include "message/terms.h"
@@ -153,5 +152,3 @@ char *message_status_shared(const struct server_figures *figures, const struct s
 char *message_status(const char *shared, int64_t server_us, uint32_t viewers, uint64_t sent, uint64_t skipped);
 
 void message_free(char *text); /* NULL is allowed */
-
-#endif

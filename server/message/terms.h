@@ -1,6 +1,5 @@
 /* What messages are about: roles, requests of controllers, questions about a pixel. Plain data; any thread. */
-#ifndef MESSAGE_TERMS_H
-#define MESSAGE_TERMS_H
+#pragma once
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -51,5 +50,3 @@ struct server_radiance {
     bool finer;         /* a refined picture of the same frame */
     float rgb[3];
 };
-
-#endif

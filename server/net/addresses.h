@@ -1,6 +1,5 @@
 /* This machine's own network addresses. Thread: any. */
-#ifndef NET_ADDRESSES_H
-#define NET_ADDRESSES_H
+#pragma once
 
 #include <stddef.h>
 
@@ -9,5 +8,3 @@
 
 /* Numeric, without loopback and link-local ones, IPv4 first, in the system's order. Returns their number. */
 size_t addresses_of_machine(char out[ADDRESSES_MAX][ADDRESS_TEXT]);
-
-#endif

@@ -1,8 +1,7 @@
 /* What the server reports about itself: one struct, filled by relightd and rendered by two formats from one table
  * (figures.c): the status message (PROTOCOL.md 4.8) and /metrics. To add a figure, add a field and its row.
  * Texts are phrases without capital and full stop, as inside a sentence; longer ones are cut. */
-#ifndef NET_FIGURES_H
-#define NET_FIGURES_H
+#pragma once
 
 #include "base/err.h"
 
@@ -121,5 +120,3 @@ struct figure {
 
 /* The rows of struct server_figures, ended by one without json and metric. */
 extern const struct figure server_figure_table[];
-
-#endif

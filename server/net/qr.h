@@ -1,6 +1,5 @@
 /* Prints QR codes in a terminal. Thread: any. */
-#ifndef NET_QR_H
-#define NET_QR_H
+#pragma once
 
 #include <stdbool.h>
 #include <stdio.h>
@@ -11,5 +10,3 @@ bool qr_available(void);
 /* Prints the code of a text in UTF-8 half blocks, two modules a character, black on white whatever the terminal's
  * colours are. False: not available, or the text is too long. */
 bool qr_print(FILE *out, const char *text);
-
-#endif

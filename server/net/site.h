@@ -1,7 +1,6 @@
 /* The viewer page's files, read once at start and served from memory, so that no path of a request reaches the file
  * system. Constant after site_load: any thread may read. */
-#ifndef NET_SITE_H
-#define NET_SITE_H
+#pragma once
 
 #include "base/err.h"
 
@@ -35,5 +34,3 @@ void site_finish(struct site *site); /* zeroed memory is allowed */
 
 /* The file at path, which has no query; owned by site. NULL: none. "/index.html" is "/". */
 const struct site_file *site_find(const struct site *site, const char *path);
-
-#endif

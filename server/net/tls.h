@@ -1,7 +1,6 @@
 /* The server's TLS certificate and key: checked before libwebsockets gets the files, because its errors give no reason,
  * and replaced at run time. */
-#ifndef NET_TLS_H
-#define NET_TLS_H
+#pragma once
 
 #include "base/err.h"
 
@@ -26,5 +25,3 @@ bool tls_restrict(void *context);
 /* Makes handshakes in that context use *shown as it is at that time, and no certificate of the context. Open
  * connections keep theirs. *shown outlives the context; only the handshaking thread changes it. */
 void tls_show(void *context, struct tls *const *shown);
-
-#endif

@@ -1,6 +1,5 @@
 /* A self-signed certificate for a LAN: browsers ask once, other programs get the file with --ca. Thread: any. */
-#ifndef NET_TLS_SELF_H
-#define NET_TLS_SELF_H
+#pragma once
 
 #include "base/err.h"
 
@@ -12,5 +11,3 @@
  * certificate lacks. ERR_USAGE: names dir or file and fault. ERR_NOMEM. */
 MUST_CHECK enum err tls_self_signed(const char *dir, const char *names, char *cert, char *key, size_t size,
                                     struct reason *why);
-
-#endif

@@ -1,8 +1,7 @@
 /* Limits per address: open connections and wrong tokens, so that no client takes all places or keeps guessing. IPv6
  * addresses count by their first 64 bits, because one client owns all addresses below; IPv4 mapped to IPv6 counts as
  * IPv4. No sockets here. Thread: one at a time. */
-#ifndef NET_VISITORS_H
-#define NET_VISITORS_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -55,5 +54,3 @@ char *visitor_name(const struct visitor *v, char out[VISITOR_NAME]);
 /* Whether a token from this address may be checked; and notes a wrong one. */
 bool visitor_may_guess(struct visitors *g, struct visitor *v, int64_t now_us);
 void visitor_guessed_wrong(struct visitors *g, struct visitor *v, int64_t now_us);
-
-#endif

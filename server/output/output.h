@@ -1,7 +1,6 @@
 /* Writes images: a file per frame, or one video; the extension selects the format. A new kind of output is one row
  * of the table in output.c. One thread. */
-#ifndef OUTPUT_OUTPUT_H
-#define OUTPUT_OUTPUT_H
+#pragma once
 
 #include "base/err.h"
 #include "film/film.h"
@@ -74,5 +73,3 @@ void output_set_layers(struct output *o, const struct exr_channel *channels, siz
  * ERR_RANGE: the name becomes too long. */
 MUST_CHECK enum err output_write(struct output *o, const float *rgb, const float *rgba, uint64_t frame,
                                  struct reason *why);
-
-#endif

@@ -3,8 +3,7 @@
  * The samples are those of direct_shade itself, recorded by direct_log.h: with the frame's own method, samples, seed
  * and pass they add up to the frame's value. No data of the renderer is modified. Deterministic. Thread: one per
  * struct probe. */
-#ifndef PROBE_PROBE_H
-#define PROBE_PROBE_H
+#pragma once
 
 #include "estimators/direct.h"
 #include "estimators/direct_log.h"
@@ -101,5 +100,3 @@ bool probe_has_part(const struct probe_parts *parts, enum probe_part part);
 
 /* The direction (unit, world) through the centre of a cell of the visibility map. */
 void probe_map_direction(uint32_t column, uint32_t row, float w[3]);
-
-#endif

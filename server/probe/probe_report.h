@@ -1,7 +1,6 @@
 /* The report on where a pixel's light comes from: the JSON that relightd sends in reply to `probe` and relight-render
  * prints for --probe (protocol/PROTOCOL.md 4.16). Thread: one per struct prober. */
-#ifndef PROBE_PROBE_REPORT_H
-#define PROBE_PROBE_REPORT_H
+#pragma once
 
 #include "probe/probe.h"
 #include "light/relight.h"
@@ -43,5 +42,3 @@ MUST_CHECK enum err prober_sky(struct prober *p, const struct environment *e, ch
 MUST_CHECK enum err prober_print(struct prober *p, const struct environment *e, const struct relight_desc *light,
                                  const struct probe_request *q, const float *rgb, const struct probe_lamps *lamps,
                                  struct reason *why);
-
-#endif

@@ -1,8 +1,7 @@
 /* Publishes the live stream to other programs: H.264 over RTMP, RTSP and SRT, as HLS in a folder, and as recordings.
  * Each target has a thread and a bounded queue: a slow or dead target loses only its own images and is retried
  * after 0.5 to 10 s. All targets share the encoded images with the viewers. */
-#ifndef PUBLISH_PUBLISH_H
-#define PUBLISH_PUBLISH_H
+#pragma once
 
 #include "base/err.h"
 #include "net/figures.h"
@@ -34,5 +33,3 @@ uint32_t publisher_report(struct publisher *p, struct server_publish out[SERVER_
 /* Completes files, closes connections and ends the threads, within a second. False: a thread still waits for a name
  * server and keeps its memory, so the program should end with _exit. NULL is allowed. */
 bool publisher_destroy(struct publisher *p);
-
-#endif

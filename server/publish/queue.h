@@ -1,8 +1,7 @@
 /* Queues images for one target, from the encode thread, which never blocks, to the target's thread. A full queue
  * drops the oldest images up to the next keyframe, because a predicted image is useless without the one before. If
  * it holds no keyframe, it drops all new images until one arrives. The queue locks. Thread: any. */
-#ifndef PUBLISH_QUEUE_H
-#define PUBLISH_QUEUE_H
+#pragma once
 
 #include <pthread.h>
 #include <stdbool.h>
@@ -56,5 +55,3 @@ uint64_t publish_queue_dropped(struct publish_queue *q);
 bool publish_queue_wait_closed(struct publish_queue *q, int64_t timeout_ms);
 void publish_queue_close(struct publish_queue *q); /* wakes all waiting threads; the queue accepts and returns no more
                                                       images */
-
-#endif

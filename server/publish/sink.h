@@ -1,6 +1,5 @@
 /* An opened output of one target: a connection, a folder of HLS segments, or a recording. Thread: the target's. */
-#ifndef PUBLISH_SINK_H
-#define PUBLISH_SINK_H
+#pragma once
 
 #include "base/err.h"
 #include "publish/target.h"
@@ -83,5 +82,3 @@ MUST_CHECK int sink_write_all(int fd, const uint8_t *bytes, size_t size);
 #define SINK_TIME 20
 /* Writes "YYYYMMDDThhmmssZ". wall_us: as clock_wall_us. */
 void sink_time(int64_t wall_us, char out[SINK_TIME]);
-
-#endif

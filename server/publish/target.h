@@ -1,7 +1,6 @@
 /* A destination of the live stream: one parsed --publish of relightd. Pure functions. Thread: any.
  */
-#ifndef PUBLISH_TARGET_H
-#define PUBLISH_TARGET_H
+#pragma once
 
 #include "base/err.h"
 
@@ -33,5 +32,3 @@ MUST_CHECK enum err publish_target_parse(const char *url, struct publish_target 
 
 /* Whether a target's folder, if any, is writable or can be created. ERR_IO: the reason names it. */
 MUST_CHECK enum err publish_target_check(const struct publish_target *target, struct reason *why);
-
-#endif

@@ -5,8 +5,7 @@
  *
  * With METHOD_CACHED all of a patch goes through the cells: what is exported is the operator itself. Seed, pass and
  * turn are the same for all patches. One thread; all OpenMP threads are used. */
-#ifndef RADIANCE_COMPONENTS_H
-#define RADIANCE_COMPONENTS_H
+#pragma once
 
 #include "base/err.h"
 #include "base/file_pattern.h"
@@ -41,5 +40,3 @@ MUST_CHECK enum err components_picture(struct components *c, const float (*radia
 
 /* One Radiance image a patch, with the patch's number in its name. */
 MUST_CHECK enum err components_write(const struct components_desc *desc, struct reason *why);
-
-#endif

@@ -7,8 +7,7 @@
  *
  * Parts are kept as half floats, which hold RGBE texels exactly, each under a scale of its own; below 2^-29 of a part's
  * largest value texels are 0. Thread: one. All OpenMP threads are used. */
-#ifndef RADIANCE_PARTS_H
-#define RADIANCE_PARTS_H
+#pragma once
 
 #include "base/err.h"
 #include "light/relight.h"
@@ -37,5 +36,3 @@ uint64_t parts_bytes(const struct parts *p); /* memory of the texels */
 
 /* The image under a sky: rgb float[height][width][3], radiance float[patches][3]. */
 void parts_picture(const struct parts *p, const float (*radiance)[3], float *rgb);
-
-#endif

@@ -1,7 +1,6 @@
 /* An environment map as the patches of Radiance's sky (daylight/reinhart.h), for sums of daylight coefficients.
  * Thread: any that may read the environment; all OpenMP threads are used. */
-#ifndef RADIANCE_SKY_PATCHES_H
-#define RADIANCE_SKY_PATCHES_H
+#pragma once
 
 #include "env/environment.h"
 
@@ -11,5 +10,3 @@
  * by it. Of a lat-long map the integral of its texels is exact; of other layouts each texel of the cube map belongs to
  * the patch of its middle. radiance: float[reinhart_count(mf)][3]. ERR_NOMEM. */
 MUST_CHECK enum err sky_patches(const struct environment *e, uint32_t mf, float (*radiance)[3]);
-
-#endif

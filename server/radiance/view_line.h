@@ -1,6 +1,5 @@
 /* A camera as Radiance's VIEW line, for the header of an image. Thread: any. */
-#ifndef RADIANCE_VIEW_LINE_H
-#define RADIANCE_VIEW_LINE_H
+#pragma once
 
 #include "scene/view.h"
 
@@ -9,5 +8,3 @@
 /* "VIEW= -vtv -vp ...\n" in Radiance's axes: x east, y north, z up. -vd and -vu need not be perpendicular.
  * "" for an equisolid fisheye, which Radiance does not support. */
 void radiance_view_line(const struct view *v, char out[RADIANCE_VIEW_LINE]);
-
-#endif

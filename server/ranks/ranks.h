@@ -4,8 +4,7 @@
  *
  * Collective functions are called by every rank, in the same order; waiting costs no processor time. Thread: the one
  * that called ranks_create. In a build without MPI, ranks_create fails in a process that is one of several. */
-#ifndef RANKS_RANKS_H
-#define RANKS_RANKS_H
+#pragma once
 
 #include "base/err.h"
 
@@ -95,5 +94,3 @@ MUST_CHECK enum err ranks_collect(struct ranks *r, bool all,
  * its own; other ranks do not call take. ERR_NOMEM on rank 0. */
 MUST_CHECK enum err ranks_gather(struct ranks *r, const void *bytes, size_t size,
                                  enum err (*take)(void *context, const void *bytes, size_t size), void *context);
-
-#endif

@@ -1,7 +1,6 @@
 /* Whether a launcher has started this process as one of several, and whether the processes of a job are alike. Private
  * to this room. */
-#ifndef RANKS_RANKS_PARTS_H
-#define RANKS_RANKS_PARTS_H
+#pragma once
 
 #include "base/digest.h"
 #include "ranks/ranks.h"
@@ -37,5 +36,3 @@ void rank_identify(const struct ranks_desc *desc, struct rank_identity *own);
 /* Compares the identities of all `count` ranks. ERR_USAGE if they differ; *why then names the rank and the difference.
  * All ranks see the same list, so they come to the same result. Thread: the main one. */
 MUST_CHECK enum err rank_compare(const struct rank_identity *all, int count, const char *program, struct reason *why);
-
-#endif

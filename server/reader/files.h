@@ -1,8 +1,7 @@
 /* The files that loading a scene may open: the scene file, files below its folder, and files below the folders of
  * the models that the scene file names, which must be declared before the first model is opened. A symbolic link that
  * leads out of these folders is refused, unless it is one of those models. Thread: one at a time. */
-#ifndef READER_FILES_H
-#define READER_FILES_H
+#pragma once
 
 #include "reader/host.h"
 
@@ -41,5 +40,3 @@ MUST_CHECK enum err scene_files_check(const struct scene_files *f, struct reason
 
 /* For reading in this process, at rest; `f` must outlive it. */
 struct host scene_files_host(struct scene_files *f);
-
-#endif

@@ -1,7 +1,6 @@
 /* The requests of code that reads a scene to the side that may open files (in relight-reader the parent process, in
  * tests the same process, files.h), and the options with which the scene is read. Thread: one at a time. */
-#ifndef READER_HOST_H
-#define READER_HOST_H
+#pragma once
 
 #include "base/err.h"
 
@@ -32,5 +31,3 @@ struct bytes {
 /* Reads a whole file. Errors of host.open; ERR_NOMEM; ERR_IO: cannot be read. */
 MUST_CHECK enum err host_read(const struct host *h, const char *path, struct bytes *out, struct reason *why);
 void bytes_finish(struct bytes *b); /* zeroed memory is allowed */
-
-#endif

@@ -1,7 +1,6 @@
 /* A scene as one file of flat arrays, which relight-reader passes to its parent. The parent trusts none of it: it
  * checks each size, index and value, on a copy that the other process cannot change. Thread: one at a time. */
-#ifndef READER_PARCEL_H
-#define READER_PARCEL_H
+#pragma once
 
 #include "scene/scene.h"
 
@@ -12,5 +11,3 @@ MUST_CHECK enum err parcel_write(int fd, struct scene *s, struct reason *why);
 /* Reads such a file from its beginning. On ERR_OK the caller owns *out; on error *out is NULL and *why begins with
  * `name`. ERR_FORMAT: not what parcel_write writes. ERR_IO, ERR_NOMEM. */
 MUST_CHECK enum err parcel_read(int fd, const char *name, struct scene **out, struct reason *why);
-
-#endif

@@ -1,8 +1,7 @@
 /* Loads a scene from files through relight-reader, a confined process that cannot open files: this process opens the
  * files that a scene may use (files.h) and sends their descriptors. If a file makes relight-reader crash, hang or
  * exceed its limits, the scene is refused with a reason. The result is not trusted either (parcel.h). Thread: any. */
-#ifndef READER_READER_H
-#define READER_READER_H
+#pragma once
 
 #include "scene/scene.h"
 
@@ -29,5 +28,3 @@ struct scene_reading {
  * model. */
 MUST_CHECK enum err scene_load(const char *path, const struct scene_reading *reading, struct scene **out,
                                struct progress *progress, struct reason *why);
-
-#endif

@@ -1,6 +1,5 @@
 /* The main function of relight-reader: confines the process, reads one scene, hands it over and ends. Thread: main. */
-#ifndef READER_SERVE_H
-#define READER_SERVE_H
+#pragma once
 
 #include "reader/host.h"
 #include "scene/scene.h"
@@ -9,5 +8,3 @@
  * file. `import`: import_scene, or what a test puts in its place. Returns the exit code. */
 int reader_serve(int argc, char **argv,
                  enum err (*import)(const char *path, const struct host *host, struct scene **out, struct reason *why));
-
-#endif

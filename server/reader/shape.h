@@ -1,8 +1,7 @@
 /* Procedural solids for the built-in scene. Private to this room. Each call appends to a mesh with normals, in a local
  * frame that is rotated about Y and then translated. Metres, Y up, radians from +Z towards +X. Allocation failures are
  * recorded and reported by shape_finish. Thread: one per shape. */
-#ifndef READER_SHAPE_H
-#define READER_SHAPE_H
+#pragma once
 
 #include "scene/scene_build.h"
 
@@ -44,5 +43,3 @@ void shape_plate(struct shape *s, const float (*outline)[2], uint32_t n, float t
 
 /* Moves the mesh into the scene and empties s. ERR_NOMEM: an allocation failed, now or earlier. */
 MUST_CHECK enum err shape_finish(struct shape *s, struct scene *scene, uint32_t material);
-
-#endif

@@ -1,7 +1,6 @@
 /* Messages between a program and its relight-reader over a seqpacket socket. The scene itself goes through a piece of
  * shared memory (parcel.h). Private to this room. */
-#ifndef READER_WIRE_H
-#define READER_WIRE_H
+#pragma once
 
 #include "base/err.h"
 #include "confine/child.h"
@@ -36,5 +35,3 @@ struct wire_answer { /* from the parent, with a descriptor if a file was opened 
     uint64_t size; /* of the file */
     struct reason why;
 };
-
-#endif

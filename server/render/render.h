@@ -2,8 +2,7 @@
  * relight-render does after it has read its flags. The ranks of a job share the frames: each renders those whose
  * numbers it takes, and rank 0 writes the statistics of all; or they light each frame together (team/team.h), which
  * rank 0 reads and writes. One thread of control; the light runs on all OpenMP threads. */
-#ifndef RENDER_RENDER_H
-#define RENDER_RENDER_H
+#pragma once
 
 #include "base/luminance.h"
 #include "light/decide.h"
@@ -36,5 +35,3 @@ struct render_desc {
  * ERR_USAGE: one output file for many frames; frames that cannot be distributed or kept. Collective in a job, in
  * which an error of one rank ends all. Errors are also those of source_open and set_create. */
 MUST_CHECK enum err render_sequence(const struct render_desc *desc, struct reason *why);
-
-#endif

@@ -1,6 +1,5 @@
 /* Data and functions that the files of this room share. One thread: that of render_sequence. */
-#ifndef RENDER_RENDER_PARTS_H
-#define RENDER_RENDER_PARTS_H
+#pragma once
 
 #include "base/progress.h"
 #include "light/changes.h"
@@ -130,5 +129,3 @@ void render_split_end(struct render *r);
  * rebuilding the tables, writing. */
 char *render_stats_text(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
                         const double ms[3]);
-
-#endif

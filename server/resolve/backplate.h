@@ -13,8 +13,7 @@
  * distance d of its centre, 1 - min(1, 2 (r / d)^3).
  *
  * Thread: one at a time. Functions run on all OpenMP threads; the result does not depend on their number. */
-#ifndef RESOLVE_BACKPLATE_H
-#define RESOLVE_BACKPLATE_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/err.h"
@@ -70,5 +69,3 @@ MUST_CHECK enum err backplate_keep(struct backplate *b);
  *     alpha = 1 - min(1, least T),   foreground = the model + (T - 1 + alpha) B,
  * so that foreground + (1 - alpha) B is the image; caustics and coloured shadows are in the foreground. */
 void backplate_split(const struct backplate *b, const struct environment *e, const float *rgb, float *rgba);
-
-#endif

@@ -2,8 +2,7 @@
  * Lenv(direction) over its escapes (e NULL: without those). lo: float[packet_count][3][16] as direct_shade writes it.
  * Writes every pixel of rgb, float[height][width][3]. Runs on all OpenMP threads; the result does not depend on their
  * number. */
-#ifndef RESOLVE_RESOLVE_H
-#define RESOLVE_RESOLVE_H
+#pragma once
 
 #include "env/environment.h"
 #include "scene/gbuffer.h"
@@ -25,5 +24,3 @@ void resolver_pixels(struct resolver *r, const float *lo, const struct environme
 
 /* uint8_t[height][width]: 1 where a pixel holds a shade point, as the relative error counts them. */
 void resolve_mask(const struct gbuffer *g, uint8_t *mask);
-
-#endif

@@ -1,8 +1,7 @@
 /* Where a surface is and where it has holes: alpha masks and fractional coverage (material.h). A ray that meets a hole
  * continues unchanged; rays.h tests every hit. Thin glass counts as having holes, too: its mean transmittance is the
  * share of rays that pass straight through. Thread: any. */
-#ifndef SCENE_COVERAGE_H
-#define SCENE_COVERAGE_H
+#pragma once
 
 #include "scene/rays.h"
 #include "scene/scatter.h"
@@ -48,5 +47,3 @@ bool mask_varies(const struct mask *m, uint32_t triangle, float u, float v, floa
  * as in scatter_on. */
 float coverage_seen(const struct scene *s, const struct hit *h, const struct scatter *at, struct vec3 dir,
                     const float uv_step[2][2], float passed[3]);
-
-#endif

@@ -1,8 +1,7 @@
 /* Embree 3 or 4, whichever the build found: what the two call differently. A query's context comes first, so that a
  * filter function gets the query from it. Private to this room; the only file that includes Embree. Thread: any; a
  * query belongs to one thread. */
-#ifndef SCENE_EMBREE_H
-#define SCENE_EMBREE_H
+#pragma once
 
 #include <stdbool.h>
 
@@ -97,5 +96,3 @@ static inline void embree_intersect1(RTCScene scene, struct embree_query *q, str
 EMBREE_OCCLUDED(4)
 EMBREE_OCCLUDED(8)
 EMBREE_OCCLUDED(16)
-
-#endif

@@ -2,8 +2,7 @@
  * distance at the pixel's centre, and each mesh's share of the pixel. Shares match the G-buffer's sub-pixel coverage: a
  * pixel with one shading point or escape holds one mesh or none; other pixels get the same edge_rays^2 rays. Immutable.
  * Thread: any number may read. */
-#ifndef SCENE_FIRST_HITS_H
-#define SCENE_FIRST_HITS_H
+#pragma once
 
 #include "scene/gbuffer.h"
 #include "scene/view.h"
@@ -28,5 +27,3 @@ struct first_hits {
 MUST_CHECK enum err first_hits_create(const struct scene *scene, const struct rays *rays, const struct gbuffer *g,
                                       const struct view *view, uint32_t edge_rays, struct first_hits **out);
 void first_hits_destroy(struct first_hits *f); /* NULL is allowed */
-
-#endif

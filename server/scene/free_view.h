@@ -1,7 +1,6 @@
 /* Free views, in addition to the scene's cameras, as text: "@X,Y,Z;X,Y,Z;DEGREES" gives the position, the target and
  * the vertical field of view. No camera's name begins with "@". Thread: any. */
-#ifndef SCENE_FREE_VIEW_H
-#define SCENE_FREE_VIEW_H
+#pragma once
 
 #include "base/choice.h"
 #include "base/err.h"
@@ -37,5 +36,3 @@ MUST_CHECK enum err view_change_read(const char *position, const char *look_at, 
                                      struct reason *why);
 /* ERR_USAGE: the camera would see nothing. */
 MUST_CHECK enum err view_change_apply(const struct view_change *change, struct camera *c, struct reason *why);
-
-#endif

@@ -5,8 +5,7 @@
  * without them sum to 1. Inside glass of index n a point's weight has a factor n^-2, since radiance there is n^2 as
  * large. Shading points are stored in packets of 16 that are close together in the image and have the same kind of
  * lobe. Immutable after gbuffer_create. Thread: any number may read. */
-#ifndef SCENE_GBUFFER_H
-#define SCENE_GBUFFER_H
+#pragma once
 
 #include "base/err.h"
 #include "scene/rays.h"
@@ -104,5 +103,3 @@ MUST_CHECK enum err gbuffer_create(const struct scene *scene, const struct rays 
 void gbuffer_release_packets(struct gbuffer *g, uint32_t first, uint32_t end);
 void gbuffer_release_pixels(struct gbuffer *g);
 void gbuffer_destroy(struct gbuffer *g); /* NULL is allowed */
-
-#endif

@@ -1,6 +1,5 @@
 /* Construction of the G-buffer. Private to the gbuffer*.c files. Thread: any, on separate objects. */
-#ifndef SCENE_GBUFFER_BUILD_H
-#define SCENE_GBUFFER_BUILD_H
+#pragma once
 
 #include "scene/gbuffer.h"
 #include "scene/scatter.h"
@@ -146,5 +145,3 @@ void packing_finish(struct packing *p); /* frees the memory; zeroed memory is al
 /* Writes a row's points to their packets; `first` is the number of the row's first point. Call it once per row, in any
  * order; `packets` may be uninitialised and is complete after the last row. */
 void packing_put(struct packing *p, const struct row *r, uint32_t first, struct shade_packet *packets);
-
-#endif

@@ -3,8 +3,7 @@
  * light transport like any surface, but the camera sees the background there, scaled by the model's effect on the
  * ground's light (light/ground.h). With r the radius of the sphere around the model's box, it is solid to GROUND_SOLID
  * r and fades out to GROUND_FAR r, as fractional coverage (coverage.h). Thread: one at a time per scene. */
-#ifndef SCENE_GROUND_H
-#define SCENE_GROUND_H
+#pragma once
 
 #include "scene/scene.h"
 
@@ -20,5 +19,3 @@ MUST_CHECK enum err scene_add_ground(struct scene *s, const char *name, struct r
 /* ERR_RANGE if the camera is below the ground, which would hide the model. Always ERR_OK without a ground. */
 MUST_CHECK enum err ground_check_camera(const struct scene *s, const struct camera *c, const char *name,
                                         struct reason *why);
-
-#endif

@@ -1,6 +1,5 @@
 /* Materials: how a surface scatters light. Colours are linear Rec.709 in 0..1. Thread: any. */
-#ifndef SCENE_MATERIAL_H
-#define SCENE_MATERIAL_H
+#pragma once
 
 #include "base/vec.h"
 
@@ -113,5 +112,3 @@ struct vec3 attenuation_from(struct vec3 colour, double distance);
 
 /* "lambert", "phong", ...; never NULL. */
 const char *material_kind_name(enum material_kind kind);
-
-#endif

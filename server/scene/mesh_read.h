@@ -1,6 +1,5 @@
 /* Reads a mesh's vertices in world space, whether the mesh is an instance or not. Thread: any. */
-#ifndef SCENE_MESH_READ_H
-#define SCENE_MESH_READ_H
+#pragma once
 
 #include "scene/scene.h"
 
@@ -79,5 +78,3 @@ double mesh_volume_scale(const struct mesh *m);
 
 /* Enlarges a box to contain the mesh's triangles. */
 void mesh_grow_box(const struct mesh *m, struct box *b);
-
-#endif

@@ -1,6 +1,5 @@
 /* Normal maps [glTF 2.0, section 3.9.3]. Thread: any. */
-#ifndef SCENE_NORMAL_MAP_H
-#define SCENE_NORMAL_MAP_H
+#pragma once
 
 #include "scene/rays.h"
 #include "scene/scatter.h"
@@ -17,5 +16,3 @@ void normal_map_turn(const struct scene *scene, const struct hit *h, const float
  * part of ggx loses less, since little of that light enters it: at least x - 0.0137. The loss of a specular lobe is not
  * restored. */
 float normal_map_gain(enum lobe_kind kind, const struct surface *at);
-
-#endif

@@ -1,7 +1,6 @@
 /* Ray queries on a scene, through Embree, which no other file uses. Rays pass through holes in surfaces (coverage.h).
  * Thread: any, once rays_create_for has returned. The caller owns all arrays. */
-#ifndef SCENE_RAYS_H
-#define SCENE_RAYS_H
+#pragma once
 
 #include "base/cpu.h"
 #include "scene/scene.h"
@@ -101,5 +100,3 @@ bool rays_have_holes(const struct rays *r);
 
 /* The surface at a hit. `towards` points away from the surface, back along the ray. */
 void rays_surface(const struct rays *r, const struct hit *h, struct vec3 towards, struct surface *out);
-
-#endif

@@ -1,6 +1,5 @@
 /* The parts of rays.h. Private to this room. Thread: any. */
-#ifndef SCENE_RAYS_PARTS_H
-#define SCENE_RAYS_PARTS_H
+#pragma once
 
 #include "scene/coverage.h"
 #include "scene/embree.h"
@@ -21,5 +20,3 @@ struct rays {
 /* Embree's filter function for meshes with holes: rejects hits in holes. Embree may call it more than once per ray and
  * triangle. */
 void rays_drop_holes(const struct RTCFilterFunctionNArguments *a);
-
-#endif

@@ -4,8 +4,7 @@
  * Delta lobes reflect and refract about the shading normal, or about the geometric one if the shading normal would send
  * the ray to the wrong side of the triangle. For camera paths the rule depends on the direction to the camera;
  * scatter_light is its exact adjoint, so that both cover the same paths [Veach 1997, section 5.3]. */
-#ifndef SCENE_SCATTER_H
-#define SCENE_SCATTER_H
+#pragma once
 
 #include "scene/material.h"
 #include "scene/rays.h"
@@ -165,5 +164,3 @@ struct sheet {
 
 /* cosine: of a ray with the normal, of either sign; tint: of light that passes once. */
 struct sheet sheet_at(float ior, struct vec3 tint, float cosine);
-
-#endif

@@ -1,7 +1,6 @@
 /* A scene: meshes in world space, materials, textures and cameras, loaded from a file (reader/reader.h) or built-in.
  * The scene owns its arrays. Immutable after loading. Thread: any number may read. */
-#ifndef SCENE_SCENE_H
-#define SCENE_SCENE_H
+#pragma once
 
 #include "base/err.h"
 #include "scene/material.h"
@@ -143,5 +142,3 @@ bool scene_has_lamps(const struct scene *s);
 /* The radiance that a surface of this material emits at a place of its texture; black for most. uv, uv_step: of
  * MAP_EMISSION (map_uv, map_step). */
 struct vec3 scene_emission(const struct scene *s, uint32_t material, const float uv[2], const float (*uv_step)[2]);
-
-#endif

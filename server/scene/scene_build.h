@@ -1,8 +1,7 @@
 /* Construction of scenes. Private to this room, import and reader. The scene owns everything added to it. Thread: one
  * at a time.
  */
-#ifndef SCENE_SCENE_BUILD_H
-#define SCENE_SCENE_BUILD_H
+#pragma once
 
 #include "base/err.h"
 #include "scene/scene.h"
@@ -78,5 +77,3 @@ MUST_CHECK enum err mesh_join_vertices(struct mesh *m);
 /* Drops degenerate triangles: those with a vertex that is not finite or beyond 1e15 m, or with practically no area.
  * Returns their number. */
 uint32_t mesh_drop_degenerate(struct mesh *m);
-
-#endif

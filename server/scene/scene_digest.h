@@ -1,6 +1,5 @@
 /* Adds parts of a scene to a digest (base/digest.h): their contents, independent of addresses. Thread: any. */
-#ifndef SCENE_SCENE_DIGEST_H
-#define SCENE_SCENE_DIGEST_H
+#pragma once
 
 #include "base/digest.h"
 #include "scene/gbuffer.h"
@@ -17,5 +16,3 @@ void digest_view(struct digest *d, const struct view *view); /* camera and image
 
 /* Shading points with their colours, and the image size, but not the assignment to pixels. */
 void digest_points(struct digest *d, const struct gbuffer *g);
-
-#endif

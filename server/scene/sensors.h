@@ -1,7 +1,6 @@
 /* Light sensors in a G-buffer: each is lit like a white matte surface with its position and normal, so its illuminance
  * is pi times its radiance. They follow the camera's packets and belong to no pixel. Thread: one. */
-#ifndef SCENE_SENSORS_H
-#define SCENE_SENSORS_H
+#pragma once
 
 #include "scene/gbuffer.h"
 
@@ -19,5 +18,3 @@ MUST_CHECK enum err gbuffer_add_sensors(struct gbuffer *g, const struct sensor *
 
 /* The mean radiance of a sensor's points: lo holds all packets, float[packet_count][3][16]. */
 void sensor_radiance(const float *lo, uint32_t packet, double rgb[3]);
-
-#endif

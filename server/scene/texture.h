@@ -1,7 +1,6 @@
 /* Images on surfaces: 8 bits per channel, with a pyramid of smaller ones for distant surfaces. Immutable once built.
  * Thread: any. */
-#ifndef SCENE_TEXTURE_H
-#define SCENE_TEXTURE_H
+#pragma once
 
 #include "base/err.h"
 #include "base/vec.h"
@@ -76,5 +75,3 @@ void texture_alpha_limits(const struct texture *t, float *low, float *high);
 /* Bounds of mean alphas about (u, v), out to at least `width` texels of the finest level in each direction: *low is 1
  * if alpha is 1 everywhere there, *high is 0 if it is 0 everywhere. */
 void texture_alpha_around(const struct texture *t, float u, float v, float width, float *low, float *high);
-
-#endif

@@ -1,6 +1,5 @@
 /* Vectors between positions, in double: for normals and tangents of meshes. Private to this room. Thread: any. */
-#ifndef SCENE_VEC3D_H
-#define SCENE_VEC3D_H
+#pragma once
 
 struct vec3d {
     double x, y, z;
@@ -16,5 +15,3 @@ static inline double vec3d_dot(struct vec3d a, struct vec3d b)
 {
     return a.x * b.x + a.y * b.y + a.z * b.z;
 }
-
-#endif

@@ -3,8 +3,7 @@
  * from the centre shows the angle t to the viewing direction:
  *     equidistant: t = step r        equisolid: sin(t/2) = step r / 2
  * Immutable after view_init. Thread: any. */
-#ifndef SCENE_VIEW_H
-#define SCENE_VIEW_H
+#pragma once
 
 #include "scene/scene.h"
 
@@ -45,5 +44,3 @@ struct projection {
 
 /* False if p is behind the camera or outside the image. */
 bool view_project(const struct view *v, struct vec3 p, struct projection *out);
-
-#endif

@@ -1,6 +1,5 @@
 /* Reads --probe, --probe-samples and --probe-preset from a program's flags. Main thread. */
-#ifndef SETTINGS_PROBE_OPTIONS_H
-#define SETTINGS_PROBE_OPTIONS_H
+#pragma once
 
 #include "base/command.h"
 #include "probe/probe_report.h"
@@ -11,5 +10,3 @@ extern const struct setting_choice probe_presets[]; /* values of the field `figu
  * goes to *out. ERR_USAGE names the flag. */
 MUST_CHECK enum err probe_options_read(const struct command *c, uint32_t width, uint32_t height, bool *asked,
                                        struct probe_request *out, struct reason *why);
-
-#endif

@@ -1,8 +1,7 @@
 /* The one table of settings for light, scene and image: flags of relightd, relight-render, relight-bench and
  * relight-chart, the configuration file, control messages and the state file all follow from it (base/setting.h).
  * Flags of a single program are in a table next to that program's main. */
-#ifndef SETTINGS_SETTINGS_H
-#define SETTINGS_SETTINGS_H
+#pragma once
 
 #include "base/command.h"
 #include "film/film.h"
@@ -77,5 +76,3 @@ void setup_report_unused(const struct setup *s, const struct plan_facts *scene);
 
 /* After command_read: what follows from several flags, or from what this machine is. ERR_USAGE names the flag. */
 MUST_CHECK enum err setup_complete(struct setup *s, struct reason *why);
-
-#endif

@@ -1,8 +1,7 @@
 /* Environment frames from weather files (`epw:FILE`), of the standard skies (`cie:TYPE`), which are grey, and from
  * matrices of Radiance's gendaymtx (`mtx:FILE`), in W sr^-1 m^-2 with luminance = 179 cd m^-2 per unit, in lat-long
  * with OpenEXR's orientation, north +Z and east -X unless `north` turns them. Thread: any, after daylight_open. */
-#ifndef SOURCE_DAYLIGHT_H
-#define SOURCE_DAYLIGHT_H
+#pragma once
 
 #include "base/err.h"
 #include "daylight/moments.h"
@@ -48,5 +47,3 @@ void daylight_sun(const struct daylight *d, const struct moment *m, double w[3])
 /* Renders a moment to float[height][width][3], on all OpenMP threads. The horizontal illuminance of the upper half
  * without the sun's disc is exactly the moment's diffuse_lux. */
 void daylight_render(const struct daylight *d, const struct moment *m, float *rgb);
-
-#endif

@@ -1,7 +1,6 @@
 /* Lists the files that a source specification names, in order, and reads them. Private to this room, behind source.h.
  * Thread: one per list. */
-#ifndef SOURCE_FILES_H
-#define SOURCE_FILES_H
+#pragma once
 
 #include "base/err.h"
 #include "codec/frame.h"
@@ -50,5 +49,3 @@ MUST_CHECK enum err files_read(const struct file_item *item, struct frame *f, st
 
 /* Writes a message such as "dir: cannot open: No such file or directory" from errno; returns ERR_IO. */
 enum err files_say_errno(struct reason *why, const char *path, const char *what, int number);
-
-#endif

@@ -1,7 +1,6 @@
 /* The frames of a video, one after another: packets from relight-demux (demux/), decoded in relight-video (decoder/).
  * Private to this room. Thread: one per footage. */
-#ifndef SOURCE_FOOTAGE_H
-#define SOURCE_FOOTAGE_H
+#pragma once
 
 #include "codec/frame.h"
 #include "decoder/video.h"
@@ -44,5 +43,3 @@ MUST_CHECK enum err footage_restart(struct footage *f, struct reason *why);
 /* The next picture is the first at or after time_us, counted from the stream's first time stamp. ERR_UNSUPPORTED: the
  * stream cannot be read from another place; then, and after other errors, use footage_restart. */
 MUST_CHECK enum err footage_seek(struct footage *f, int64_t time_us, struct reason *why);
-
-#endif

@@ -1,7 +1,6 @@
 /* A live stream or a camera: a thread decodes it and converts the newest frame on request. A lost
  * connection is retried with growing delays. Private to this room. Thread: one per live, beside its own. */
-#ifndef SOURCE_LIVE_H
-#define SOURCE_LIVE_H
+#pragma once
 
 #include "base/setting.h"
 #include "source/footage.h"
@@ -28,5 +27,3 @@ bool live_gave_up(struct live *l);
 
 /* Whether pictures come; else *why says what is wrong, or that it is connecting. */
 bool live_is_connected(struct live *l, struct reason *why);
-
-#endif

@@ -3,8 +3,7 @@
  * the model. Radiance is linear Rec.709 with luminance = cd m^-2 / 179, in lat-long with OpenEXR's orientation (image
  * centre +Z, a quarter left +X, top +Y). North is +Z and east is -X, so that with +Y up, east is on the right of a map
  * with north at the top: the sun rises at -X and is over -Z at noon (northern hemisphere). Thread: any. */
-#ifndef SOURCE_SKY_H
-#define SOURCE_SKY_H
+#pragma once
 
 #include "base/err.h"
 
@@ -66,5 +65,3 @@ void sky_radiance(const struct sky_state *s, const double w[3], double rgb[3]);
  * the covered solid angle; the sum is exact, and the disc moves continuously. Uses OpenMP; the result does not depend
  * on the number of threads. */
 void sky_render(const struct sky_desc *d, const struct sky_state *s, float *rgb);
-
-#endif

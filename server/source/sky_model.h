@@ -1,7 +1,6 @@
 /* The physics behind sky.h, each part from its paper: atmospheric transmission, and the luminance
  * and colour of the clear sky. Private to this room. Stateless. Thread: any. */
-#ifndef SOURCE_SKY_MODEL_H
-#define SOURCE_SKY_MODEL_H
+#pragma once
 
 #include "daylight/sun.h"
 #include "source/sky.h"
@@ -64,5 +63,3 @@ static inline void sky_rgb_from_xyy(double x, double y, double luminance, double
         }
     }
 }
-
-#endif

@@ -22,8 +22,7 @@
  * A file that exists under exactly the name of the spec takes precedence. `push:` is handled by relightd.
  *
  * Thread: one per source. */
-#ifndef SOURCE_SOURCE_H
-#define SOURCE_SOURCE_H
+#pragma once
 
 #include "base/setting.h"
 #include "codec/frame.h"
@@ -132,5 +131,3 @@ bool source_place(const struct source *s, struct source_place *out);
 
 /* The sky with its current hour; NULL if the source is not a computed sky. The source owns it. */
 const struct sky_desc *source_sky(const struct source *s);
-
-#endif

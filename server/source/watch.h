@@ -1,7 +1,6 @@
 /* Watches a folder with inotify: files closed after writing or moved in, in order of arrival. Private to this room.
  * Thread: one per watch. */
-#ifndef SOURCE_WATCH_H
-#define SOURCE_WATCH_H
+#pragma once
 
 #include "base/err.h"
 #include "source/files.h"
@@ -23,5 +22,3 @@ void watch_finish(struct watch *w); /* frees; zeroed memory is allowed */
  * queue overflowed and files were missed; the next call continues. ERR_END: the folder was removed and every file was
  * delivered. ERR_NOMEM. */
 MUST_CHECK enum err watch_next(struct watch *w, int timeout_ms, const struct file_item **out, struct reason *why);
-
-#endif

@@ -1,8 +1,7 @@
 /* Assembles an environment message (PROTOCOL.md section 7) from network pieces, directly in the frame's final memory.
  * Checks the size against the limit as soon as the header is complete, before it allocates. No sockets, no clock. One
  * thread per assembly. */
-#ifndef STREAM_ASSEMBLY_H
-#define STREAM_ASSEMBLY_H
+#pragma once
 
 #include "message/message.h"
 #include "protocol/relight_protocol.h"
@@ -44,5 +43,3 @@ void assembly_finish(struct assembly *a);
 /* Allocates size bytes with undefined contents. ERR_NOMEM leaves {NULL, 0}. */
 MUST_CHECK enum err block_reserve(struct block *b, size_t size);
 void block_finish(struct block *b);
-
-#endif

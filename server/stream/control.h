@@ -1,6 +1,5 @@
 /* Controllers' requests and the current settings. Guarded by the server's lock. */
-#ifndef STREAM_CONTROL_H
-#define STREAM_CONTROL_H
+#pragma once
 
 #include "base/err.h"
 #include "stream/server.h"
@@ -27,5 +26,3 @@ struct control {
 /* Queues a request, or merges it into the last one of the same controller. False: the queue is full. Takes the lock
  * itself. Any thread. */
 MUST_CHECK bool control_ask(struct server *s, const struct server_control *c);
-
-#endif

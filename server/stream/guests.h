@@ -4,8 +4,7 @@
  * arriving places are full, the address with the most of them loses its oldest guest, so a newcomer from another
  * address always gets a place. When the client places are full, a newcomer whose address has fewer clients replaces
  * the newest viewer of the address with the most clients. Thread: service. */
-#ifndef STREAM_GUESTS_H
-#define STREAM_GUESTS_H
+#pragma once
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -67,5 +66,3 @@ void guest_dismiss(struct server *s, struct guest *g);
 
 /* As guest_room, and counts and logs a refusal. Returns a text for the client; NULL: there is room. */
 const char *guest_refusal(struct server *s, const struct guest *g, char *text, size_t size);
-
-#endif

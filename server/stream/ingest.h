@@ -4,8 +4,7 @@
  * A live frame stays in `live` until it is taken or replaced. A lockstep sequence outlives its connections: IDLE ->
  * WAITING (frame accepted) -> WORKING (taken) -> KEPT (its picture is ready) -> IDLE (stored), or WORKING -> IDLE when
  * the frame is refused. Frames are accepted in IDLE only, so either end may disconnect at any time and resume later. */
-#ifndef STREAM_INGEST_H
-#define STREAM_INGEST_H
+#pragma once
 
 #include "stream/assembly.h"
 #include "message/message.h"
@@ -150,5 +149,3 @@ void ingest_end(struct server *s, struct sequence *sequence);
 bool ingest_is_over(struct server *s, const struct sequence *sequence, uint64_t *stored);
 
 struct timespec ingest_later(struct timespec t, int ms); /* t plus so many milliseconds, 0 or more */
-
-#endif

@@ -1,7 +1,6 @@
 /* Shared by the files of this room. The service thread owns all sockets and viewers; other threads access only what is
  * marked {lock} or atomic. */
-#ifndef STREAM_INTERNAL_H
-#define STREAM_INTERNAL_H
+#pragma once
 
 #include "stream/assembly.h"
 #include "stream/control.h"
@@ -409,5 +408,3 @@ void watchers_demand(const struct server *s, struct server_demand *d); /* {lock}
 
 /* watcher.c: {lock} whether the picture is of its slot's present use. */
 bool rendition_is_wanted(const struct server *s, const struct picture *p);
-
-#endif

@@ -1,6 +1,5 @@
 /* Counts, for /metrics, how often clients reach a limit, and logs each limit at most once a minute. */
-#ifndef STREAM_LIMITS_H
-#define STREAM_LIMITS_H
+#pragma once
 
 #include <stdint.h>
 
@@ -31,5 +30,3 @@ void limit_reached(struct server *s, enum limit limit, const struct visitor *v);
 
 /* Thread: service. Logs what has not been logged, if it is due. */
 void limits_tick(struct server *s, int64_t now_us);
-
-#endif

@@ -1,7 +1,6 @@
 /* An encoded picture: header and bytes, reference-counted and constant once published, so that all viewers share one
  * copy. All functions: any thread. */
-#ifndef STREAM_PICTURE_H
-#define STREAM_PICTURE_H
+#pragma once
 
 #include "protocol/relight_protocol.h"
 
@@ -31,5 +30,3 @@ const struct protocol_picture *picture_header(const struct picture *p);
 
 /* The bytes on the wire: encoded header, then payload. Owned by p. */
 const uint8_t *picture_message(const struct picture *p, size_t *size);
-
-#endif

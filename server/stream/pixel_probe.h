@@ -1,7 +1,6 @@
 /* Queries about pixels (PROTOCOL.md 4.15 to 4.17): pending queries, unsent answers, and pixels followed from picture to
  * picture. Guarded by the server's lock. */
-#ifndef STREAM_PIXEL_PROBE_H
-#define STREAM_PIXEL_PROBE_H
+#pragma once
 
 #include "base/err.h"
 #include "stream/server.h"
@@ -37,5 +36,3 @@ struct probes {
 
 /* Frees the unsent answers; zeroed memory is allowed. Thread: the owner's, when no other thread uses p. */
 void probes_finish(struct probes *p);
-
-#endif

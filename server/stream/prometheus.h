@@ -1,7 +1,6 @@
 /* Measurements of the running server, and their text for Prometheus (exposition format 0.0.4). Any thread adds to
  * histograms without a lock; the service thread formats the text. */
-#ifndef STREAM_PROMETHEUS_H
-#define STREAM_PROMETHEUS_H
+#pragma once
 
 #include "message/message.h"
 #include "stream/server.h"
@@ -63,5 +62,3 @@ void metrics_tick(struct server *s, int64_t now_us, int64_t every_us);
 
 /* Thread: service. Reports the end of work that began at begun_us. */
 void metrics_worked(struct server *s, int64_t begun_us);
-
-#endif

@@ -2,8 +2,7 @@
  * on /ws. A separate thread, the service thread, owns all sockets. Other threads pass it immutable pictures and
  * figures; the newest picture wins, slow viewers skip pictures, and no call waits for a viewer. Unless noted, any
  * thread may call any function while the server exists. */
-#ifndef STREAM_SERVER_H
-#define STREAM_SERVER_H
+#pragma once
 
 #include "base/err.h"
 #include "codec/frame.h"
@@ -252,5 +251,3 @@ struct server_counters {
 };
 /* Writes the counts since server_create to *out. Any thread. */
 void server_counters(struct server *s, struct server_counters *out);
-
-#endif

@@ -1,6 +1,5 @@
 /* Converts a producer's raw texels to float RGB. Any thread. */
-#ifndef STREAM_TEXELS_H
-#define STREAM_TEXELS_H
+#pragma once
 
 #include "stream/assembly.h"
 #include "codec/frame.h"
@@ -11,5 +10,3 @@ MUST_CHECK enum err texels_take(struct frame *f, const struct protocol_environme
 
 /* A half float's value [IEEE 754-2019, 3.4]: exact, NaN and infinity included. */
 float texels_half(uint16_t bits);
-
-#endif

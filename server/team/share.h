@@ -1,7 +1,6 @@
 /* Lets the ranks of a job compute a cache of light transport together: implements the functions of
  * cache/cache_share.h with ranks/. Thread: the relighter's. */
-#ifndef TEAM_SHARE_H
-#define TEAM_SHARE_H
+#pragma once
 
 #include "cache/cache_share.h"
 #include "ranks/ranks.h"
@@ -9,5 +8,3 @@
 /* This rank's share, of all packets; ranks must outlive it. Every rank calls relighter_prepare at the same time, as
  * there is no `begin`. Errors of agree and pass are ERR_IO if a rank does not answer. */
 struct cache_share team_share(struct ranks *ranks);
-
-#endif

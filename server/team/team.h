@@ -4,8 +4,7 @@
  * decide; from then on only what its packets need of caches and G-buffer. Rank 0 alone lights pictures that
  * cannot be distributed (light/part.h). The bits are those of one process; with `half`, those of one process with
  * relighter_round. Thread: the relighter's, which is the one that called ranks_create. */
-#ifndef TEAM_TEAM_H
-#define TEAM_TEAM_H
+#pragma once
 
 #include "light/relight.h"
 #include "ranks/ranks.h"
@@ -40,5 +39,3 @@ MUST_CHECK enum err team_serve(struct team *t, struct reason *why);
 
 /* On rank 0, collective with the end of team_serve on the others; it logs what the pictures took. NULL is allowed. */
 void team_destroy(struct team *t);
-
-#endif

@@ -1,6 +1,5 @@
 /* Data and functions that the files of this room share. Private. Thread: the relighter's. */
-#ifndef TEAM_TEAM_PARTS_H
-#define TEAM_TEAM_PARTS_H
+#pragma once
 
 #include "base/mem.h"
 #include "cache/cache_share.h"
@@ -129,5 +128,3 @@ void team_learn(struct team *t, uint32_t rank, uint32_t packets, double seconds)
  * all the time since the picture before, taken_s. Otherwise the answer came earlier; its way is then taken to be that
  * of the last time, less a little, so that a link that became fast is noticed. */
 void team_learn_answer(struct team *t, uint32_t rank, uint32_t packets, double lit_s, double taken_s);
-
-#endif

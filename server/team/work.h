@@ -1,6 +1,5 @@
 /* Serialises the passes of an image for another process. Thread: the relighter's. */
-#ifndef TEAM_WORK_H
-#define TEAM_WORK_H
+#pragma once
 
 #include "light/part.h"
 
@@ -21,5 +20,3 @@ MUST_CHECK enum err light_work_unpack(struct relighter *r, const struct light_wo
 
 /* Copies a request without its pointers. */
 struct relight_desc light_work_request(const struct relight_desc *request);
-
-#endif

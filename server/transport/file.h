@@ -1,7 +1,6 @@
 /* Stores the cache of direct light in a file (cache/cache_file.h), which a later run loads instead of computing it. A
  * loaded cache has the same bits as the saved one. Thread: one per reader and writer. */
-#ifndef TRANSPORT_FILE_H
-#define TRANSPORT_FILE_H
+#pragma once
 
 #include "cache/cache_file.h"
 #include "base/digest.h"
@@ -20,5 +19,3 @@ void transport_save(const struct transport *t, const struct digest *key, struct 
 MUST_CHECK enum err transport_load(struct cache_reader *r, const struct digest *key, const struct gbuffer *g,
                                    const struct rays *rays, const struct kernels *kernels,
                                    const struct transport_desc *desc, struct transport **out, struct reason *why);
-
-#endif

@@ -1,6 +1,5 @@
 /* Converts and sums half floats and bytes, a packet at a time. Included by kernels only. */
-#ifndef TRANSPORT_HALF_LANES_H
-#define TRANSPORT_HALF_LANES_H
+#pragma once
 
 #include "base/half.h"
 #include "brdf/lanes.h"
@@ -54,5 +53,3 @@ static inline void sum_lanes(const struct lanes x[3], float out[3])
     by_lane[0].v = (by_lane[0].v + by_lane[2].v) + (by_lane[1].v + by_lane[3].v);
     memcpy(out, &by_lane[0].v, 3 * sizeof(*out));
 }
-
-#endif

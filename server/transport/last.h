@@ -1,6 +1,5 @@
 /* Reuses the parts of the last frame that have not changed (last.c). Private to transport/. One frame at a time. */
-#ifndef TRANSPORT_LAST_H
-#define TRANSPORT_LAST_H
+#pragma once
 
 #include "transport/parts.h"
 
@@ -27,5 +26,3 @@ float *transport_last_shone(const struct transport *t, uint32_t packet);
  * Thread: any, one per block. */
 void transport_last_look(const struct transport *t, uint32_t block);
 bool transport_last_is_dark(const struct transport *t, uint32_t block);
-
-#endif

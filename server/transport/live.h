@@ -5,8 +5,7 @@
  * The builder hands a block over in a slot by one atomic exchange. The frame's thread collects the slots at the start
  * of a frame (transport_live_advance) and frees the blocks that they replace. Once all blocks are built and faded in,
  * the cache equals that of transport_create to the bit. */
-#ifndef TRANSPORT_LIVE_H
-#define TRANSPORT_LIVE_H
+#pragma once
 
 #include "cache/memory.h"
 #include "transport/transport.h"
@@ -76,5 +75,3 @@ static inline bool transport_will_exceed(uint64_t most, uint64_t bytes, uint32_t
 {
     return (double)bytes * all / done > (double)most;
 }
-
-#endif

@@ -9,8 +9,7 @@
  *     ggx      row 0: (1 - F(n.w)) (1 - F(n.o)) cos / pi of F0 = 0, by (1 - F0)^2 diffuse;
  *              row 1: D V (1 - s), by F0;   row 2: D V s, by 1;   s = (1 - o.h)^5, F = F0 (1 - s) + s
  * A block is up to four consecutive packets of one kind. A piece is one row of a block. */
-#ifndef TRANSPORT_PARTS_H
-#define TRANSPORT_PARTS_H
+#pragma once
 
 #include "transport/transport.h"
 #include "cache/cache_file.h"
@@ -382,5 +381,3 @@ void transport_compress_begin(void);
 MUST_CHECK enum err transport_directions_init(struct transport_directions *d, uint32_t side, uint32_t edge,
                                               uint64_t seed);
 void transport_directions_finish(struct transport_directions *d); /* zeroed memory is allowed */
-
-#endif

@@ -1,6 +1,5 @@
 /* Traces the entries of the cache of direct light (transport/parts.h). Included by its kernels only. */
-#ifndef TRANSPORT_TRACE_H
-#define TRANSPORT_TRACE_H
+#pragma once
 
 #include "brdf/lobes.h"
 #include "transport/parts.h"
@@ -335,5 +334,3 @@ static inline uint64_t aim(const struct transport_world *w, const struct shade_p
     }
     return t.traced;
 }
-
-#endif

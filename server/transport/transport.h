@@ -14,8 +14,7 @@
  *
  * One struct transport per thread of control. transport_create and transport_shade run on all OpenMP threads and give
  * the same bits at any number of them. LAPACK compresses; its rounding may differ between types of processors. */
-#ifndef TRANSPORT_TRANSPORT_H
-#define TRANSPORT_TRANSPORT_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/err.h"
@@ -169,5 +168,3 @@ const struct packet_list *transport_narrow(const struct transport *t);
 /* Packets whose block is missing or fading in, in a cache that is being built (transport/live.h); otherwise empty.
  * Valid until the next transport_live_advance. */
 const struct packet_list *transport_unbuilt(const struct transport *t);
-
-#endif

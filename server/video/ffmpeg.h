@@ -1,8 +1,7 @@
 /* FFmpeg's libavcodec, libavformat and libavutil, loaded with the first encoder or output instead of with the program.
  * They pull in 125 further libraries, which take four fifths of the time and a third of the memory of a program's
  * start, and few runs write video. The functions have their own names and types: ffmpeg()->av_frame_alloc(). */
-#ifndef VIDEO_FFMPEG_H
-#define VIDEO_FFMPEG_H
+#pragma once
 
 #include <libavcodec/avcodec.h>
 #ifdef RELIGHT_MOVIES /* a build with RELIGHT_VIDEO: movie.c, mux.c */
@@ -74,5 +73,3 @@ struct ffmpeg {
 /* The functions; the first call loads the libraries. NULL, always then: one of them is missing or lacks a function.
  * What it returns stays valid. Thread: any. */
 const struct ffmpeg *ffmpeg(void);
-
-#endif

@@ -1,8 +1,7 @@
 /* H.264 through libavcodec and libx264, for live streams: each frame is output at once, and every frame except a
  * keyframe encodes only the difference to the previous one [H.264]. Thread: one per encoder; the output buffer is
  * reused. */
-#ifndef VIDEO_H264_H
-#define VIDEO_H264_H
+#pragma once
 
 #include "base/err.h"
 
@@ -44,5 +43,3 @@ struct h264_output {
  * or above 16384. ERR_NOMEM. ERR_UNSUPPORTED: the encoder refuses the settings or is not available. */
 MUST_CHECK enum err h264_encode(struct h264_encoder *h, const uint8_t *rgb, const struct h264_desc *desc,
                                 struct h264_output *out);
-
-#endif

@@ -1,7 +1,6 @@
 /* Video files: frames of one size at a constant rate, encoded as H.264 by libx264 or AV1 by SVT-AV1. A file appears
  * whole or not at all (base/file_store.h). Thread: one per movie; the encoder starts threads of its own. */
-#ifndef VIDEO_MOVIE_H
-#define VIDEO_MOVIE_H
+#pragma once
 
 #include "base/err.h"
 
@@ -36,5 +35,3 @@ MUST_CHECK enum err movie_finish(struct movie *m, struct reason *why);
 
 /* Leaves no file unless movie_finish succeeded. NULL is allowed. */
 void movie_destroy(struct movie *m);
-
-#endif

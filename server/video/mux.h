@@ -1,6 +1,5 @@
 /* Packets of one video stream into a container, through libavformat. Thread: one per muxer. */
-#ifndef VIDEO_MUX_H
-#define VIDEO_MUX_H
+#pragma once
 
 #include "base/err.h"
 
@@ -68,5 +67,3 @@ MUST_CHECK enum err mux_write(struct mux *m, const struct mux_packet *packet, st
 /* Writes the trailer where `complete` and closes; m is gone in every case, NULL is allowed. ERR_IO: the end could not
  * be written. */
 MUST_CHECK enum err mux_close(struct mux *m, bool complete, struct reason *why);
-
-#endif

@@ -1,7 +1,6 @@
 /* R'G'B' to Y'CbCr [ITU-R BT.709-6, 3.2 and 3.3] in full range: code value 255 is 1, and 128 is a colour difference of
  * 0. Thread: any. */
-#ifndef VIDEO_YUV_H
-#define VIDEO_YUV_H
+#pragma once
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -20,5 +19,3 @@ void yuv_from_rgb(const uint8_t *rgb, uint32_t width, uint32_t height, const str
  * 65535 a signal of 1. pq: by the matrix of BT.2020 [ITU-R BT.2100-2, Table 6] to 10 bits in uint16_t, pitches still in
  * bytes; else BT.709 to 8 bits. */
 void yuv_limited_from_rgb(const uint16_t *rgb, uint32_t width, uint32_t height, bool pq, const struct yuv_planes *out);
-
-#endif

@@ -1,7 +1,6 @@
 /* What the programs of this folder have in common: flags, errors, the first frame of a source, processor time, medians.
  * Thread: main. */
-#ifndef TESTS_FIGURE_H
-#define TESTS_FIGURE_H
+#pragma once
 
 #include "base/log.h"
 #include "base/setting_table.h"
@@ -82,5 +81,3 @@ static inline double figure_median(double *v, uint32_t n)
     qsort(v, n, sizeof(*v), figure_ascending);
     return n % 2 ? v[n / 2] : 0.5 * (v[n / 2 - 1] + v[n / 2]);
 }
-
-#endif

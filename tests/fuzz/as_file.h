@@ -1,6 +1,5 @@
 /* For parsers that need a path: the input as a file in memory, removed at normal exit. */
-#ifndef TESTS_FUZZ_AS_FILE_H
-#define TESTS_FUZZ_AS_FILE_H
+#pragma once
 
 #include <fcntl.h>
 #include <stdint.h>
@@ -29,5 +28,3 @@ static inline const char *as_file(const char *suffix, const uint8_t *bytes, size
     close(fd);
     return as_file_path;
 }
-
-#endif

@@ -1,7 +1,6 @@
 /* One harness per parser: feeds it any bytes and aborts if it violates its header. Called by libFuzzer with generated
  * inputs and by replay with the corpus. */
-#ifndef TESTS_FUZZ_HARNESS_H
-#define TESTS_FUZZ_HARNESS_H
+#pragma once
 
 #include <stddef.h>
 #include <stdint.h>
@@ -18,5 +17,3 @@ static inline void require(int holds, const char *what)
     fprintf(stderr, "broken promise: %s\n", what);
     abort();
 }
-
-#endif

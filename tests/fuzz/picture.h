@@ -1,6 +1,5 @@
 /* Invariants after decoding arbitrary input. */
-#ifndef TESTS_FUZZ_PICTURE_H
-#define TESTS_FUZZ_PICTURE_H
+#pragma once
 
 #include "codec/decode.h"
 
@@ -51,5 +50,3 @@ static inline void picture_check_again(enum err (*decode)(const uint8_t *, size_
     picture_require(count == 0 || memcmp(first, im->rgb, count * sizeof(float)) == 0, "the same values");
     free(first);
 }
-
-#endif

@@ -1,7 +1,6 @@
 /* Shared by the suite: the line that each case prints, the methods of direct light with their claims, generated
  * scenes with everything that lights them, and sums over seeds. */
-#ifndef TESTS_STABILITY_H
-#define TESTS_STABILITY_H
+#pragma once
 
 #include "estimators/points.h"
 #include "estimators/tracing.h"
@@ -344,5 +343,3 @@ static inline struct relight_stats picture_of(struct relighter *r, const struct 
     assert_int_equal(relighter_run(r, e, desc, rgb, &stats), ERR_OK);
     return stats;
 }
-
-#endif

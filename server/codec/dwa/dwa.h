@@ -3,8 +3,7 @@
  * and deflated data (alpha). Lossy channels are half floats under a curve that is a power below 1 and a logarithm
  * above. The R, G and B of a layer are converted to luma and chroma. Blocks of 8x8 are transformed by the discrete
  * cosine transform and stored in JPEG's zigzag order. Private to this room. Thread: one per workspace. */
-#ifndef CODEC_DWA_DWA_H
-#define CODEC_DWA_DWA_H
+#pragma once
 
 #include <openexr.h>
 #include <stddef.h>
@@ -34,5 +33,3 @@ extern const char dwa_no_memory[];
 /* Decodes a block of the Huffman code that PIZ and DWA share to exactly `count` 16-bit values. Returns NULL, or what is
  * wrong. */
 const char *dwa_huffman(const uint8_t *packed, size_t size, uint16_t *out, size_t count);
-
-#endif

@@ -1,6 +1,5 @@
 /* A DWA chunk during decoding: shared by dwa.c and dwa_lossy.c. Thread: that of the workspace. */
-#ifndef CODEC_DWA_DWA_CHUNK_H
-#define CODEC_DWA_DWA_CHUNK_H
+#pragma once
 
 #include "codec/dwa/dwa.h"
 
@@ -67,5 +66,3 @@ struct chunk {
 /* Decodes a single lossy channel, or a set of three in luma and chroma: consumes coefficients from c->dc_at and
  * c->ac_at and writes the texels. Returns NULL, or what is wrong. */
 const char *dwa_lossy(struct chunk *c, struct channel *const set[], int count);
-
-#endif

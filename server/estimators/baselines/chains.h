@@ -1,8 +1,7 @@
 /* Path tracing from both ends, shared by the two baselines that connect them: particles from the sky, and rays from the
  * eye through mirrors and glass to rough surfaces. Independent of path.h, and of the light tracer except for the start
  * of particles. Thread: any. */
-#ifndef ESTIMATORS_BASELINES_CHAINS_H
-#define ESTIMATORS_BASELINES_CHAINS_H
+#pragma once
 
 #include "estimators/baselines/path.h"
 #include "base/rng.h"
@@ -38,5 +37,3 @@ void chains_scatter(const struct scatter *at, struct vec3 dir, struct vec3 wi, d
 
 /* The scene's bounding box. */
 struct box chains_bounds(const struct scene *scene);
-
-#endif

@@ -8,8 +8,7 @@
  * [Veach 1997, chapter 11]. The balance weights come from a separate pilot. The image is therefore unbiased for any
  * number of mutations, like path.h's, but its error is distributed unevenly and correlated between pixels.
  * Thread: any; runs on all OpenMP threads. */
-#ifndef ESTIMATORS_BASELINES_MLT_H
-#define ESTIMATORS_BASELINES_MLT_H
+#pragma once
 
 #include "estimators/baselines/path.h"
 
@@ -19,5 +18,3 @@
  * found light. ERR_NOMEM. */
 MUST_CHECK enum err mlt_render(const struct path_world *world, const struct path_desc *desc, float *rgb,
                                struct path_stats *stats);
-
-#endif

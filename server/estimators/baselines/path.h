@@ -7,8 +7,7 @@
  * come from a counter; mlt.h mutates them.
  *
  * Unbiased, except for paths of more than PATH_EVENTS_MAX events. Thread: any. */
-#ifndef ESTIMATORS_BASELINES_PATH_H
-#define ESTIMATORS_BASELINES_PATH_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/err.h"
@@ -78,5 +77,3 @@ void path_sample(const struct path_world *world, uint32_t classes, const double 
  * first rough surface is there. Positions 0 and 1 of the numbers and the first event's choice are not used. */
 void path_sample_point(const struct path_world *world, const struct shade_packet *p, uint32_t lane, uint32_t classes,
                        struct numbers *numbers, double rgb[3], uint64_t *rays);
-
-#endif

@@ -5,8 +5,7 @@
  * Background and direct light are path.h's. Caustics have a separate map, whose particles start at the boxes of
  * specular objects. The estimate is blurred by the disc: biased at edges, in corners and on curved surfaces, and
  * consistent only as the number of particles goes to infinity. Thread: any; runs on all OpenMP threads. */
-#ifndef ESTIMATORS_BASELINES_PHOTONS_H
-#define ESTIMATORS_BASELINES_PHOTONS_H
+#pragma once
 
 #include "estimators/baselines/path.h"
 
@@ -14,5 +13,3 @@
  * for an eighth of the samples of each pixel. stats includes everything and describes the bias. ERR_NOMEM. */
 MUST_CHECK enum err photons_render(const struct path_world *world, const struct path_desc *desc, float *rgb,
                                    struct path_stats *stats);
-
-#endif

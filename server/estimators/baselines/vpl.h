@@ -6,8 +6,7 @@
  * the point: paths with a mirror or glass in between, and caustics, are missing. The contribution of a near light is
  * clamped to what the patch it represents could contribute, so that corners are too dark, less so with more samples.
  * Thread: any; runs on all OpenMP threads. */
-#ifndef ESTIMATORS_BASELINES_VPL_H
-#define ESTIMATORS_BASELINES_VPL_H
+#pragma once
 
 #include "estimators/baselines/path.h"
 
@@ -15,5 +14,3 @@
  * includes both and describes the bias. ERR_NOMEM. */
 MUST_CHECK enum err vpl_render(const struct path_world *world, const struct path_desc *desc, float *rgb,
                                struct path_stats *stats);
-
-#endif

@@ -1,6 +1,5 @@
 /* Small caches of indirect light, for tests. */
-#ifndef TEST_BOUNCES_H
-#define TEST_BOUNCES_H
+#pragma once
 
 #include "bounce/bounce.h"
 #include "transport/transports.h"
@@ -45,5 +44,3 @@ static inline void shade_bounce(struct bounce *b, struct lit *x, const struct en
     clear(x);
     bounce_shade_part(b, e, 1.0f, NULL, x->lo);
 }
-
-#endif

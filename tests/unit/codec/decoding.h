@@ -1,6 +1,5 @@
 /* What the tests of the decoders share. */
-#ifndef TESTS_ENV_DECODING_H
-#define TESTS_ENV_DECODING_H
+#pragma once
 
 #include "support/unit.h"
 
@@ -102,5 +101,3 @@ static inline void must_survive_turned_bits(uint8_t *bytes, size_t size)
     }
     image_finish(&im);
 }
-
-#endif

@@ -1,8 +1,7 @@
 /* Two small files with DWA compression, which OpenEXRCore 3.1 cannot write, made by the C++ library of OpenEXR 3.1.5 at
  * compression level 1 (nearly lossless). Texel (x, y) of channel c of the list is 2 + c + x / 64 + y / 128, cut to a
  * whole number where the channel holds those. */
-#ifndef TESTS_ENV_DWA_FILES_H
-#define TESTS_ENV_DWA_FILES_H
+#pragma once
 
 #include <stdint.h>
 
@@ -228,5 +227,3 @@ static const uint8_t dwab_file[] = {
 };
 
 /* clang-format on */
-
-#endif

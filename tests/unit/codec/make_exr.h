@@ -1,6 +1,5 @@
 /* OpenEXR files in memory, written by OpenEXRCore's own writer, for tests and for the corpus of the fuzzers. */
-#ifndef TESTS_MAKE_EXR_H
-#define TESTS_MAKE_EXR_H
+#pragma once
 
 #include <openexr.h>
 #include <stdbool.h>
@@ -34,5 +33,3 @@ float recipe_value(int c, int32_t x, int32_t y);
 /* The file with `parts` parts; the caller frees it with free(). Ends the program when it cannot be written. */
 uint8_t *exr_make_parts(const struct exr_recipe *recipes, int parts, size_t *size);
 uint8_t *exr_make(const struct exr_recipe *recipe, size_t *size);
-
-#endif

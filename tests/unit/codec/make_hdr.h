@@ -1,6 +1,5 @@
 /* Radiance files in memory, for tests and for the corpus of the fuzzer. */
-#ifndef TESTS_MAKE_HDR_H
-#define TESTS_MAKE_HDR_H
+#pragma once
 
 #include <stddef.h>
 #include <stdint.h>
@@ -24,5 +23,3 @@ void hdr_recipe_texel(uint32_t s, uint32_t i, uint8_t out[4]);
 
 /* The file; the caller frees it with free(). Ends the program when out of memory. */
 uint8_t *hdr_make(const struct hdr_recipe *recipe, size_t *size);
-
-#endif

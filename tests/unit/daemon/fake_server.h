@@ -1,7 +1,6 @@
 /* A server without sockets: it notes what the daemon reports and gives it what a test has prepared. Its functions stand
  * in for those of stream/server.h at link time, so one test program includes this once. */
-#ifndef TESTS_FAKE_SERVER_H
-#define TESTS_FAKE_SERVER_H
+#pragma once
 
 #include "support/unit.h"
 
@@ -297,5 +296,3 @@ static void rig_release(struct rig *r, struct shaded *picture)
 {
     handoff_release(&r->shared.pictures.handoff, (int)(picture - r->shared.pictures.slot));
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* A weather file in memory: every hour of a year at 40 degrees north, with sun from 8 to 16 o'clock. */
-#ifndef TESTS_UNIT_DAYLIGHT_WEATHER_H
-#define TESTS_UNIT_DAYLIGHT_WEATHER_H
+#pragma once
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -39,5 +38,3 @@ static inline char *weather_text(int missing)
             }
     return text;
 }
-
-#endif

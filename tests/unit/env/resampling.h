@@ -1,6 +1,5 @@
 /* A resampler of its own for a test, the cube map that it makes, and a look into its table. */
-#ifndef TESTS_RESAMPLING_H
-#define TESTS_RESAMPLING_H
+#pragma once
 
 #include "env/cube.h"
 #include "base/mem.h"
@@ -103,5 +102,3 @@ static inline double *resampling_sums(const struct resampler *r, const float *rg
     resampling_walk(t, resampling_add_light, &(struct resampling_sum){ t->key.n, rgb, sum });
     return sum;
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* What the tests of the samplers share: skies where samplers fail, and a chi-square sum over many bins. */
-#ifndef TESTS_SAMPLING_H
-#define TESTS_SAMPLING_H
+#pragma once
 
 #include "support/skies.h"
 
@@ -192,5 +191,3 @@ static inline double grid_solid_angle(uint32_t fine, uint32_t row, uint32_t colu
     of = fine;
     return kept[row * fine + column];
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* Flat scenes made for tests of paths: boxes and balls of any material, shaded by eye paths; and sums over seeds. */
-#ifndef TESTS_COURTS_H
-#define TESTS_COURTS_H
+#pragma once
 
 #include "estimators/eye_paths.h"
 #include "scene/gbuffer.h"
@@ -209,5 +208,3 @@ static inline struct scene *mixed_court(void)
         vec3_make(-1.6f, 0, 0.2f), vec3_make(-0.9f, 0.7f, 0.9f));
     return s;
 }
-
-#endif

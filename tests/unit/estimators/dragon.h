@@ -1,6 +1,5 @@
 /* The scene `dragon` under a captured sky, as RELIGHT_TEST_DATA has them. */
-#ifndef TESTS_DRAGON_H
-#define TESTS_DRAGON_H
+#pragma once
 
 #include "scene/gbuffer.h"
 #include "scene/load.h"
@@ -57,5 +56,3 @@ static inline void view_free(struct view *v)
     scene_destroy(v->scene);
     environment_destroy(v->e);
 }
-
-#endif

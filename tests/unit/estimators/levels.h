@@ -1,6 +1,5 @@
 /* All kernels that this CPU supports, lowest level first, ended by NULL. */
-#ifndef TEST_LEVELS_H
-#define TEST_LEVELS_H
+#pragma once
 
 #include "estimators/kernels.h"
 #include "film/tone_kernel.h"
@@ -24,5 +23,3 @@ static inline const struct tone_kernel *const *tone_kernels_all(void)
         all[k] = tone_kernel_select(cpu_names[k]);
     return all;
 }
-
-#endif

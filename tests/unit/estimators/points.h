@@ -1,6 +1,5 @@
 /* Shade points made without a scene: for what can be said about an estimator in closed form. */
-#ifndef TESTS_POINTS_H
-#define TESTS_POINTS_H
+#pragma once
 
 #include "estimators/direct.h"
 #include "estimators/kernels.h"
@@ -78,5 +77,3 @@ static inline struct direct_stats shade(struct direct *d, const struct gbuffer *
     assert_int_equal(direct_shade(d, g, NULL, e, &desc, lo, &stats), ERR_OK);
     return stats;
 }
-
-#endif

@@ -1,7 +1,6 @@
 /* A set under one sky, where in its picture caustics are seen, and how far pictures of them are from the truth: for
  * the figures that compare how fast caustics are found. The truth is the light tracer's own mean over other seeds. */
-#ifndef TESTS_SEEN_CAUSTICS_H
-#define TESTS_SEEN_CAUSTICS_H
+#pragma once
 
 #include "estimators/baselines/mlt.h"
 #include "estimators/baselines/path.h"
@@ -218,5 +217,3 @@ static inline double seen_error(const struct seen *s, const uint8_t *mask, const
     }
     return sum / count;
 }
-
-#endif

@@ -1,7 +1,6 @@
 /* What the tests of the light tracer share: scenes of a few shapes, a picture made by some seeds, and integrals over a
  * sky. */
-#ifndef TESTS_TRACING_H
-#define TESTS_TRACING_H
+#pragma once
 
 #include "scene/files.h"
 #include "support/skies.h"
@@ -229,5 +228,3 @@ static inline struct stage busy_stage(void)
     add_bowl(s, matte, vec3_make(0.0f, 0.25f, 0.6f), 0.25f, 0.0, 8, 12, true);
     return stage_make(s, vec3_make(0.6f, 1.6f, 2.6f), vec3_make(0.0f, 0.2f, 0.0f), 45.0, 8, 8);
 }
-
-#endif

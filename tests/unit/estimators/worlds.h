@@ -1,7 +1,6 @@
 /* Small scenes under small skies for those who follow paths, and sums over blocks of their pictures: the replicates are
  * seeds. */
-#ifndef TESTS_WORLDS_H
-#define TESTS_WORLDS_H
+#pragma once
 
 #include "estimators/baselines/path.h"
 #include "scene/files.h"
@@ -142,5 +141,3 @@ static inline double blocks_precision(const struct blocks *b)
     }
     return sqrt(square) / mean;
 }
-
-#endif

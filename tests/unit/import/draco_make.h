@@ -1,6 +1,5 @@
 /* Compresses a grid of squares with Draco's encoder, which is C++. */
-#ifndef TESTS_IMPORT_DRACO_MAKE_H
-#define TESTS_IMPORT_DRACO_MAKE_H
+#pragma once
 
 #include <stddef.h>
 #include <stdint.h>
@@ -16,6 +15,4 @@ size_t draco_make_grid(uint32_t side, uint8_t **out);
 
 #ifdef __cplusplus
 }
-#endif
-
 #endif

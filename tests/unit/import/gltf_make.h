@@ -1,6 +1,5 @@
 /* glTF files put together from arrays and JSON text. */
-#ifndef TESTS_IMPORT_GLTF_MAKE_H
-#define TESTS_IMPORT_GLTF_MAKE_H
+#pragma once
 
 #include "scene/files.h"
 #include "scene/load.h"
@@ -203,5 +202,3 @@ static inline struct vec3 area_of(const struct mesh *m)
     }
     return sum;
 }
-
-#endif

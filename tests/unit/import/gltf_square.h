@@ -1,6 +1,5 @@
 /* A square in a glTF file, with a material of textures. */
-#ifndef TESTS_IMPORT_GLTF_SQUARE_H
-#define TESTS_IMPORT_GLTF_SQUARE_H
+#pragma once
 
 #include "gltf_make.h"
 
@@ -57,5 +56,3 @@ static inline struct material read_material(struct make *m, const char *material
     scene_destroy(s);
     return out;
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* Small scenes with lamps of their own before a camera, and the pictures of their light. */
-#ifndef TESTS_ROOMS_LIT_H
-#define TESTS_ROOMS_LIT_H
+#pragma once
 
 #include "estimators/worlds.h"
 #include "light/relight_lamps.h"
@@ -134,5 +133,3 @@ static inline double panel_irradiance(const float x[2], float y, const float z[2
         }
     return fabs(sum);
 }
-
-#endif

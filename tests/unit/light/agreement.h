@@ -16,8 +16,7 @@
  * 1 %. Each commit draws SEEDS_FEW with half of the samples each, whose errors are 2.45 times as large: it catches a
  * bias of 2.72 % as often, at two thirds of the error one of 2 % in 8 of 10 and one of 1.41 % in 3 of 10. What the
  * tests say of a bias that is caught holds for all seeds. */
-#ifndef TESTS_AGREEMENT_H
-#define TESTS_AGREEMENT_H
+#pragma once
 
 #include "estimators/points.h"
 
@@ -570,5 +569,3 @@ static inline void assert_technique_agrees(struct world *w, const struct techniq
     const struct estimate got = measure(w, t);
     assert_agree(t->name, &got, want, t->worst, t->allowed);
 }
-
-#endif

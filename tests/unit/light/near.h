@@ -1,6 +1,5 @@
 /* Doubles that agree within an absolute bound; cmocka's own comparison is of floats. Says both when they do not. */
-#ifndef TESTS_UNIT_FILM_NEAR_H
-#define TESTS_UNIT_FILM_NEAR_H
+#pragma once
 
 #include "support/unit.h"
 
@@ -15,5 +14,3 @@ static inline void near_check(double got, double want, double most, const char *
     print_error("%.17g is not %.17g within %g\n", got, want, most);
     _fail(file, line);
 }
-
-#endif

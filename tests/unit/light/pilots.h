@@ -1,7 +1,6 @@
 /* What the tests of the pilot share: sets, and a price list instead of the clock, so that choices are the same on every
  * machine. */
-#ifndef TESTS_PILOTS_H
-#define TESTS_PILOTS_H
+#pragma once
 
 #include "estimators/kernels.h"
 #include "light/pilot.h"
@@ -50,5 +49,3 @@ static inline void fly(struct pilot *p, const struct environment *e, const struc
     for (int k = 0; k < frames; k++)
         assert_int_equal(pilot_run(p, e, light, &target, rgb, stats, said), ERR_OK);
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* What the tests of the relighter share: a set, its relighter, a sky, and a picture. */
-#ifndef TESTS_STAGE_H
-#define TESTS_STAGE_H
+#pragma once
 
 #include "estimators/points.h"
 #include "support/sets.h"
@@ -40,5 +39,3 @@ static inline enum err stage_run(struct stage *s, const struct relight_desc *lig
     desc.direct.why = &s->why;
     return relighter_run(s->relighter, s->sky, &desc, s->rgb, stats);
 }
-
-#endif

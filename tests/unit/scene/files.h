@@ -1,6 +1,5 @@
 /* What the scene tests share: files in a folder of their own, scenes made of a few quads, and what was logged. */
-#ifndef TESTS_SCENE_FILES_H
-#define TESTS_SCENE_FILES_H
+#pragma once
 
 #include "support/unit.h"
 
@@ -168,5 +167,3 @@ static inline void add_ball(struct scene *s, uint32_t material, float radius, ui
         }
     assert_int_equal(scene_add_mesh(s, &m), ERR_OK);
 }
-
-#endif

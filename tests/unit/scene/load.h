@@ -1,6 +1,5 @@
 /* Scene files read in the test's own process. */
-#ifndef TESTS_SCENE_LOAD_H
-#define TESTS_SCENE_LOAD_H
+#pragma once
 
 #include "scene/files.h"
 
@@ -62,5 +61,3 @@ static inline struct scene *load_or_fail(const char *path)
         fail_msg("%s", why.text);
     return s;
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* Clips for tests, made by the program ffmpeg from raw pictures whose code values are known. */
-#ifndef TESTS_SOURCE_CLIPS_H
-#define TESTS_SOURCE_CLIPS_H
+#pragma once
 
 #include "source/folder.h"
 
@@ -62,5 +61,3 @@ static inline void clips_ramp(const char *path, unsigned depth, bool full, unsig
 
 #define CLIP_RAW8 "ffmpeg -v error -y -f rawvideo -pix_fmt yuv420p -s 256x128 -r 25 -i %s "
 #define CLIP_RAW10 "ffmpeg -v error -y -f rawvideo -pix_fmt yuv420p10le -s 256x128 -r 25 -i %s "
-
-#endif

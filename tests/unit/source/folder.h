@@ -1,6 +1,5 @@
 /* A folder of one test's own, with files in it; removed with all that it holds. */
-#ifndef TESTS_SOURCE_FOLDER_H
-#define TESTS_SOURCE_FOLDER_H
+#pragma once
 
 #include "support/unit.h"
 
@@ -54,5 +53,3 @@ static inline void folder_remove(struct folder *f)
         closedir(d);
     rmdir(f->path);
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* Skies by their spec, rendered, and the geometry of their texels: what the tests of the sky share. */
-#ifndef TESTS_SOURCE_SKY_PICTURES_H
-#define TESTS_SOURCE_SKY_PICTURES_H
+#pragma once
 
 #include "support/unit.h"
 
@@ -59,5 +58,3 @@ static inline void texel_direction(const struct sky_desc *d, uint32_t x, uint32_
     w[1] = cos(theta);
     w[2] = sin(theta) * cos(phi);
 }
-
-#endif

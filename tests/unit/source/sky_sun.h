@@ -1,6 +1,5 @@
 /* The sky with the sun anywhere: elevation -pi/2..pi/2, azimuth clockwise from north, radians. */
-#ifndef TESTS_SOURCE_SKY_SUN_H
-#define TESTS_SOURCE_SKY_SUN_H
+#pragma once
 
 #include "source/sky_model.h"
 
@@ -16,5 +15,3 @@ static inline void sky_state_for_sun(const struct sky_desc *d, double elevation,
     out->sun_direction[2] = cos(azimuth) * cos(elevation);
     sky_state_fill(d, out);
 }
-
-#endif

@@ -1,7 +1,6 @@
 /* A WebSocket client made of a plain socket, so that every byte on the wire, right or wrong, is the test's own choice.
  * All waiting ends after CLIENT_WAIT_MS: a claim that needs more fails instead of hanging. */
-#ifndef TESTS_STREAM_CLIENT_H
-#define TESTS_STREAM_CLIENT_H
+#pragma once
 
 #include "support/unit.h"
 
@@ -369,5 +368,3 @@ static inline long resident_kib(void)
     fclose(in);
     return kib;
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* Producers and recorders made of client.h. */
-#ifndef TESTS_STREAM_PRODUCING_H
-#define TESTS_STREAM_PRODUCING_H
+#pragma once
 
 #include "stream/client.h"
 
@@ -176,5 +175,3 @@ static inline void publish_for(struct server *s, enum protocol_format format, ui
         }                                                                                                              \
         assert_int_equal(counters_.field, value);                                                                      \
     } while (0)
-
-#endif

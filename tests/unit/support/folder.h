@@ -1,6 +1,5 @@
 /* An empty folder for one test: set-up and tear-down of cmocka. */
-#ifndef SUPPORT_FOLDER_H
-#define SUPPORT_FOLDER_H
+#pragma once
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -22,5 +21,3 @@ static int remove_folder(void **state)
     snprintf(command, sizeof(command), "rm -r %s", folder);
     return system(command);
 }
-
-#endif

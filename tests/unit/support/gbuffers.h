@@ -1,6 +1,5 @@
 /* A G-buffer, or the failure of the test with the reason. */
-#ifndef TESTS_GBUFFERS_H
-#define TESTS_GBUFFERS_H
+#pragma once
 
 #include "scene/gbuffer.h"
 #include "support/unit.h"
@@ -15,5 +14,3 @@ static inline struct gbuffer *gbuffer_of(const struct scene *s, const struct ray
         fail_msg("%s", why.text);
     return g;
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* Files that a run has kept in a cache folder. */
-#ifndef TESTS_SUPPORT_KEPT_H
-#define TESTS_SUPPORT_KEPT_H
+#pragma once
 
 #include "support/unit.h"
 
@@ -32,5 +31,3 @@ static inline void kept_remove(const char *folder)
         assert_int_equal(unlink(path), 0);
     assert_int_equal(rmdir(folder), 0);
 }
-
-#endif

@@ -1,8 +1,7 @@
 /* The layouts once more, the other way round (from a point of a picture to its direction) and written from their
  * description alone, so that the server's own can be held against them. Used by the tests of env and by the program
  * that makes pictures of each layout for the integration tests. */
-#ifndef TESTS_LAYOUTS_H
-#define TESTS_LAYOUTS_H
+#pragma once
 
 #include <math.h>
 #include <stdbool.h>
@@ -96,5 +95,3 @@ static inline bool test_direction(const char *layout, double width, double heigh
         w[c] /= length;
     return shown;
 }
-
-#endif

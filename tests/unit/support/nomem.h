@@ -5,8 +5,7 @@
  *
  * A use of a room is run for n = 1, 2, 3, ... It must end with ERR_NOMEM, or with ERR_OK where it can do without; leave
  * no block behind (each is written down); and succeed the next time. Included once in a program. */
-#ifndef TESTS_NOMEM_H
-#define TESTS_NOMEM_H
+#pragma once
 
 #include "base/err.h"
 #include "support/unit.h"
@@ -196,5 +195,3 @@ static inline void nomem_each(const char *name, nomem_use *use, void *context)
            tried, survived, wrong);
     assert_true(count > 0 && wrong == 0);
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* A set, or the failure of the test with the reason. */
-#ifndef TESTS_SETS_H
-#define TESTS_SETS_H
+#pragma once
 
 #include "light/relight.h"
 #include "support/unit.h"
@@ -15,5 +14,3 @@ static inline struct set *set_of(const struct set_desc *desc)
         fail_msg("%s", why.text);
     return set;
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* Skies made for tests: small lat-long pictures with known contents, and the environment made of them. */
-#ifndef TESTS_SKIES_H
-#define TESTS_SKIES_H
+#pragma once
 
 #include "env/environment.h"
 #include "base/mem.h"
@@ -71,5 +70,3 @@ static inline struct environment *sky_environment(struct frame f, uint32_t n, do
 {
     return sky_environment_of(f, LAYOUT_LATLONG, n, rotation_degrees);
 }
-
-#endif

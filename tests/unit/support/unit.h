@@ -1,6 +1,5 @@
 /* What every unit test file shares: the cmocka header with what it needs, and a main that runs one claim by name. */
-#ifndef TESTS_UNIT_H
-#define TESTS_UNIT_H
+#pragma once
 
 #include <math.h>
 #include <setjmp.h>
@@ -64,5 +63,3 @@ static inline const char *unit_data(const char *relative)
     snprintf(path, sizeof(path), "%s/%s", root, relative);
     return path;
 }
-
-#endif

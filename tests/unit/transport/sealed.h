@@ -1,6 +1,5 @@
 /* Files of tables (cache/cache_file.h) as bytes, for those who forge them. */
-#ifndef SHADE_TEST_SEALED_H
-#define SHADE_TEST_SEALED_H
+#pragma once
 
 #include "base/mem.h"
 #include "support/unit.h"
@@ -51,5 +50,3 @@ static inline void seal(uint8_t *bytes, size_t size)
     set_number(bytes + CHECK, 0);
     set_number(bytes + CHECK, (uint32_t)crc32_z(0, bytes, SEALED_HEADER + sections * SEALED_ENTRY));
 }
-
-#endif

@@ -1,6 +1,5 @@
 /* A cache of light transport, or the failure of the test with the reason. */
-#ifndef TESTS_TRANSPORTS_H
-#define TESTS_TRANSPORTS_H
+#pragma once
 
 #include "estimators/points.h"
 #include "transport/transport.h"
@@ -17,5 +16,3 @@ static inline struct transport *transport_of(const struct gbuffer *g, const stru
     assert_non_null(t);
     return t;
 }
-
-#endif
