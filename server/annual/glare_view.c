@@ -3,8 +3,6 @@
 #include "base/mem.h"
 #include "base/vec.h"
 
-#include <math.h>
-
 struct glare_view {
     uint32_t width, height;
     float *solid_angle;    /* [height][width] */

@@ -5,7 +5,6 @@
 #include "film/false_colour.h"
 
 #include <math.h>
-#include <string.h>
 
 #define TOP 22 /* pixels above a map, for its title */
 #define LEFT 34

@@ -1,10 +1,7 @@
 #include "audit/trace.h"
 
-#include "base/luminance.h"
 #include "base/rng.h"
 #include "estimators/baselines/path.h"
-
-#include <math.h>
 
 struct sequence { /* numbers of a path */
     struct numbers numbers;

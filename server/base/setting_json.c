@@ -4,7 +4,6 @@
 #include <jansson.h>
 #include <limits.h>
 #include <math.h>
-#include <stdio.h>
 #include <string.h>
 
 static bool is_number(const struct setting *s)

@@ -12,7 +12,6 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #define KEY 0.18
 #define CLAMP_TIMES 8    /* the level falls with each clipping, and soon converges */

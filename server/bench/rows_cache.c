@@ -7,7 +7,6 @@
 #include "base/rng.h"
 
 #include <math.h>
-#include <string.h>
 
 #define TRUTH_PASSES 32 /* at most, of */
 #define TRUTH_SAMPLES 64

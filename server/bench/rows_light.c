@@ -2,12 +2,9 @@
 #include "bench/bench_parts.h"
 
 #include "base/mem.h"
-#include "resolve/resolve.h"
 
 #include <math.h>
-#include <omp.h>
 #include <stdlib.h>
-#include <string.h>
 
 #define CHUNK 64          /* packets of rays that a thread takes at a time from the bare loop */
 #define SINGLES 1024      /* likewise, single rays */

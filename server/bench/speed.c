@@ -6,8 +6,6 @@
 #include "chart/chart.h"
 #include "codec/exr_write.h"
 
-#include <string.h>
-
 struct speed {
     struct bench b;
     struct cached *c;

@@ -3,7 +3,6 @@
 
 #include "chart/chart.h"
 #include "chart/machine.h"
-#include "base/mem.h"
 
 #include <string.h>
 

@@ -6,7 +6,6 @@
 #include <lapacke.h>
 
 #include <math.h>
-#include <string.h>
 
 #define ENOUGH 2e-3 /* share of the norm that the basis may leave out */
 

@@ -3,7 +3,6 @@
 
 #include "base/cancel.h"
 #include "base/mem.h"
-#include "base/progress.h"
 
 #include <math.h>
 

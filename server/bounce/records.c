@@ -4,7 +4,6 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #define LEVEL_LEAST (-24)
 #define LEVEL_MOST 30

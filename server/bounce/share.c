@@ -2,7 +2,6 @@
 #include "base/mem.h"
 #include "bounce/parts.h"
 #include "cache/cache_share.h"
-#include "cache/memory.h"
 
 #include <string.h>
 

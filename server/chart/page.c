@@ -4,7 +4,6 @@
 
 #include <math.h>
 #include <stdio.h>
-#include <string.h>
 
 void page_svg_name(const struct panel *p, size_t number, enum error_kind kind, char *name, size_t size)
 {

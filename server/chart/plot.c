@@ -1,7 +1,5 @@
 #include "chart/plot.h"
 
-#include "base/mem.h"
-
 #include <errno.h>
 #include <math.h>
 #include <spawn.h>

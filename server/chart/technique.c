@@ -4,7 +4,6 @@
 #include "estimators/paths.h"
 #include "base/rng.h"
 
-#include <math.h>
 #include <string.h>
 
 #define DIRECT .light_class = LIGHT_DIRECT, .light.classes = PATH_BACKGROUND | PATH_DIRECT, .times = 1, .per = 1

@@ -1,8 +1,5 @@
 #include "choose/plan.h"
 
-#include <math.h>
-#include <string.h>
-
 /* One bounce between surfaces of this albedo changes a pixel by at most this share of its direct light: below 4 % the
  * change is hardly visible. */
 #define ALBEDO_LEAST 0.04

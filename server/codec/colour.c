@@ -2,7 +2,6 @@
 
 #include <assert.h>
 #include <math.h>
-#include <string.h>
 
 #define COORDINATE_MAX 10.0 /* primaries may be imaginary (ACES AP0's blue has y < 0), but not this far out */
 #define MIN_AREA 1e-4       /* twice the minimum area of the primaries' triangle; Rec.709's is 0.22 */

@@ -3,9 +3,7 @@
 #include "codec/colour.h"
 #include "base/scratch.h"
 
-#include <inttypes.h>
 #include <math.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -4,7 +4,6 @@
 
 #include <math.h>
 #include <png.h>
-#include <string.h>
 #include <turbojpeg.h>
 
 enum { CODES = 256 };

@@ -3,7 +3,6 @@
 #include "codec/colour.h"
 
 #include <math.h>
-#include <string.h>
 
 #define UNSTATED 2 /* H.273: in every table */
 

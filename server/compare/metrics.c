@@ -8,7 +8,6 @@
 #include <assert.h>
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #define BANDS 64 /* of pixels; added in order, so that the thread count changes nothing */
 #define KEY 0.18

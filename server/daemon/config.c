@@ -1,7 +1,6 @@
 #include "daemon/config.h"
 
 #include "base/config.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "base/notify.h"
 #include "daemon/links.h"

@@ -6,7 +6,6 @@
 #include "video/h264.h"
 #include "video/movie.h"
 
-#include <stdio.h>
 #include <string.h>
 
 #define MIB_MOST 2047 /* of --max-frame-mib */

@@ -3,10 +3,7 @@
 #include "daemon/shade_parts.h"
 
 #include "base/clock.h"
-#include "base/log.h"
 #include "base/mem.h"
-
-#include <math.h>
 
 #define MEASURE_SAMPLES 4 /* of the image that is made to know what images cost */
 #define CUTS_MOST 2       /* images in a row that new settings may cancel: however many come, some are finished */

@@ -2,7 +2,6 @@
 
 #include "codec/frame.h"
 #include "scene/scene.h"
-#include "stream/server.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -1,7 +1,6 @@
 #include "daemon/shade_parts.h"
 
 #include "base/clock.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "radiance/parts.h"
 

@@ -9,7 +9,6 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "daemon/config.h"
-#include "stream/server.h"
 
 #include <errno.h>
 #include <jansson.h>

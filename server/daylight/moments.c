@@ -6,7 +6,6 @@
 
 #include <math.h>
 #include <stdio.h>
-#include <string.h>
 
 #define DEGREE (PI / 180.0)
 #define DAYS 365

@@ -4,7 +4,6 @@
 #include "daylight/sun.h"
 
 #include <math.h>
-#include <stdbool.h>
 
 #define DEGREE (PI / 180.0)
 #define SOLAR_CONSTANT 1367.0 /* W m^-2, as in [Perez et al. 1990] */

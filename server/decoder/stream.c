@@ -5,7 +5,6 @@
 #include "decoder/wire.h"
 
 #include <libavcodec/avcodec.h>
-#include <stdio.h>
 #include <string.h>
 
 struct stream {

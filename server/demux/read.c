@@ -11,7 +11,6 @@
 #include <libavformat/avformat.h>
 #include <libavutil/pixdesc.h>
 #include <libavutil/spherical.h>
-#include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>

@@ -5,7 +5,6 @@
 
 #include <errno.h>
 #include <libavformat/avformat.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/mman.h>

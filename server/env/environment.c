@@ -1,6 +1,5 @@
 #include "env/environment.h"
 
-#include "codec/decode.h"
 #include "env/layout.h"
 #include "base/log.h"
 #include "base/mem.h"

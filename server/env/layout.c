@@ -2,8 +2,6 @@
 
 #include "base/vec.h"
 
-#include <assert.h>
-
 #define STEP 0.125 /* maximum distance between two groups of nodes, in radii */
 
 /* In the order of cube.h: +X, -X, +Y, -Y, +Z, -Z. */

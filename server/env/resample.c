@@ -1,6 +1,5 @@
 #include "env/resample.h"
 
-#include "env/layout.h"
 #include "base/mem.h"
 #include "env/resample_build.h"
 

@@ -9,7 +9,6 @@
 #include "scene/scatter.h"
 
 #include <math.h>
-#include <string.h>
 
 #define BATCH 1024u          /* approximate number of particles; whole directions */
 #define ROULETTE_BEGINS 0.25 /* as a share of the initial flux: above that a particle always survives */

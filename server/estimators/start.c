@@ -1,7 +1,5 @@
 #include "estimators/start.h"
 
-#include "base/vec.h"
-
 #include <assert.h>
 #include <math.h>
 #include <string.h>

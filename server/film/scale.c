@@ -4,7 +4,6 @@
 #include "film/film.h"
 
 #include <math.h>
-#include <string.h>
 
 #define CODES                                                                                                          \
     16384 /* of linear light 0..1: the steepest part of the curve passes 0.2 code values from one to the next */

@@ -6,7 +6,6 @@
 
 #include <math.h>
 #include <stddef.h>
-#include <string.h>
 
 #define BLOCK 512 /* pixels processed at a time: 6 KB, stays in the first-level cache */
 

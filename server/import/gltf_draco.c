@@ -4,8 +4,6 @@
 #include "base/mem.h"
 #include "import/draco_mesh.h"
 
-#include <string.h>
-
 struct gltf_draco {
     struct draco_mesh *mesh;
     struct gltf_at at, attributes;

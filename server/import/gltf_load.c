@@ -1,10 +1,8 @@
 #include "import/gltf.h"
 
-#include "base/log.h"
 #include "base/mem.h"
 
 #include <inttypes.h>
-#include <string.h>
 
 static enum err read_file(struct gltf *g)
 {

@@ -1,7 +1,5 @@
 #include "import/parts.h"
 
-#include <math.h>
-
 void matrix_multiply(const double a[16], const double b[16], double out[16])
 {
     for (int column = 0; column < 4; column++) {

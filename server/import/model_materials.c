@@ -9,7 +9,6 @@
 #include <assimp/ObjMaterial.h>
 #include <assimp/material.h>
 #include <assimp/scene.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

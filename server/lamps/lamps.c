@@ -4,8 +4,6 @@
 #include "base/mem.h"
 #include "lamps/walk.h"
 
-#include <string.h>
-
 #define NUMBER_PAIRS (WALK_NUMBERS / 2)
 
 struct lamps {

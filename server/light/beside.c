@@ -6,7 +6,6 @@
 #include "light/relight_plan.h"
 #include "base/rng.h"
 
-#include <math.h>
 #include <string.h>
 
 #define GROW_S 0.1 /* of an image, for paths to be stored; none in the first */

@@ -4,7 +4,6 @@
 #include "base/rng.h"
 #include "env/sky_table.h"
 #include "estimators/method.h"
-#include "resolve/backplate.h"
 #include "history/denoise.h"
 #include "light/relight_passes.h"
 

@@ -6,7 +6,6 @@
 #include "resolve/resolve.h"
 
 #include <math.h>
-#include <string.h>
 
 #define SMOOTH 0.3
 #define LIGHT_SOON 4      /* readings of particles in use; after that */

@@ -7,7 +7,6 @@
 
 #include <math.h>
 #include <stdio.h>
-#include <string.h>
 
 #define PATHS_PER_PIXEL 64 /* stored by default */
 #define PARTS_STILL 64     /* if none is redrawn, for the progress line only */

@@ -1,6 +1,5 @@
 #include "publish/sink.h"
 
-#include "base/mem.h"
 #include "video/annexb.h"
 
 enum err sink_open(const struct sink_desc *desc, struct sink **out, struct reason *why)

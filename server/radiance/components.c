@@ -9,7 +9,6 @@
 #include "radiance/view_line.h"
 
 #include <errno.h>
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>

@@ -6,7 +6,6 @@
 #include "scene/scene_build.h"
 
 #include <math.h>
-#include <stdio.h>
 
 #define TAU (2.0f * (float)PI)
 #define LATITUDE (45.0f * (float)PI / 180.0f) /* the sundial's latitude, the sky's default */

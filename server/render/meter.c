@@ -5,7 +5,6 @@
  * camera, sky and --paths alone: not on the frames that are rendered, nor on method, samples or seed. */
 #include "render/render_parts.h"
 
-#include "base/log.h"
 #include "base/luminance.h"
 #include "base/mem.h"
 #include "env/irradiance.h"

@@ -5,7 +5,6 @@
 #include "base/mem.h"
 #include "settings/settings.h"
 
-#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 

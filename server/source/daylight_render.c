@@ -1,7 +1,6 @@
 #include "source/daylight.h"
 
 #include "base/luminance.h"
-#include "base/mem.h"
 #include "base/vec.h"
 #include "daylight/reinhart.h"
 #include "daylight/sun.h"

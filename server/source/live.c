@@ -6,7 +6,6 @@
 
 #include <pthread.h>
 #include <stdio.h>
-#include <string.h>
 #include <time.h>
 
 #define STEP_MS 50 /* how soon the thread notices that a picture is wanted */

@@ -3,7 +3,6 @@
 #include "base/luminance.h"
 #include "base/vec.h"
 
-#include <assert.h>
 #include <math.h>
 
 #define DEGREE (PI / 180.0)

@@ -4,7 +4,6 @@
 #include "stream/internal.h"
 
 #include <stdio.h>
-#include <sys/socket.h>
 
 #define BESIDE_CLIENTS 16 /* connections of an address beside its clients: a browser opens six for a page */
 

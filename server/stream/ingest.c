@@ -1,6 +1,5 @@
 #include "stream/ingest.h"
 
-#include "base/clock.h"
 #include "stream/internal.h"
 #include "base/mem.h"
 #include "stream/texels.h"
@@ -8,7 +7,6 @@
 #include <assert.h>
 #include <stdio.h>
 #include <string.h>
-#include <time.h>
 
 void ingest_init(struct ingest *g)
 {

@@ -3,8 +3,6 @@
  * "Authorization: Bearer T" with its own token, or the viewers' token where it has none. */
 #include "stream/internal.h"
 
-#include "base/mem.h"
-
 #include <stdio.h>
 #include <string.h>
 

@@ -1,7 +1,6 @@
 #include "stream/pixel_probe.h"
 
 #include "stream/internal.h"
-#include "base/mem.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -1,7 +1,6 @@
 /* Who lights which packets of a picture, and which packets a rank therefore keeps. */
 #include "team/team_parts.h"
 
-#include "base/mem.h"
 #include "light/part.h"
 
 #include <math.h>

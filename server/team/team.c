@@ -4,14 +4,12 @@
 #include "base/clock.h"
 #include "base/half.h"
 #include "base/log.h"
-#include "base/mem.h"
 #include "light/part.h"
 #include "light/relight_passes.h"
 #include "scene/scene_digest.h"
 #include "team/share.h"
 
 #include <inttypes.h>
-#include <math.h>
 #include <string.h>
 
 #define FIRST 12 /* pictures with a cache in which shares are measured */

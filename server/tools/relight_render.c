@@ -7,7 +7,6 @@
 #include "radiance/parts.h"
 #include "render/render.h"
 #include "settings/probe_options.h"
-#include "settings/settings.h"
 #include "source/sky.h"
 
 #include <omp.h>

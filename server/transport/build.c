@@ -11,7 +11,6 @@
 
 #include <math.h>
 #include <omp.h>
-#include <string.h>
 
 #define FLOOR 0.03f  /* share of a block's mean light; darker points are weighted as if they had this much */
 #define BATCH 64     /* blocks between two checks of the memory limit */

@@ -8,7 +8,6 @@
 
 #include <float.h>
 #include <math.h>
-#include <string.h>
 
 #define MORE 3u /* maximum number of additional ranks that make up for rounding to bytes */
 

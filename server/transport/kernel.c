@@ -1,9 +1,7 @@
 /* The loops of the cache of direct light (transport/parts.h): compiled once per CPU level, see CMakeLists.txt. */
 #include "transport/half_lanes.h"
-#include "estimators/kernels.h"
 #include "brdf/lobes.h"
 #include "env/pyramid.h"
-#include "base/rng.h"
 #include "transport/parts.h"
 #include "transport/trace.h"
 #include "base/vec.h"

@@ -1,11 +1,9 @@
 #include "transport/live.h"
 
 #include "base/mem.h"
-#include "cache/memory.h"
 #include "transport/parts.h"
 
 #include <pthread.h>
-#include <string.h>
 
 struct transport_live {
     struct transport *cache; /* the frame's thread; its fades are NULL once all blocks are built and faded in */

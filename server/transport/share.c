@@ -2,7 +2,6 @@
 #include "base/mem.h"
 #include "cache/cache_share.h"
 #include "cache/memory.h"
-#include "transport/file.h"
 #include "transport/parts.h"
 
 #define NARROW_MOST 4 /* one process lights all narrow lobes if they are at most a part's packets / this */

@@ -3,12 +3,10 @@
 #include "base/cancel.h"
 #include "base/denormals.h"
 #include "base/mem.h"
-#include "base/rng.h"
 #include "transport/last.h"
 #include "transport/parts.h"
 
 #include <assert.h>
-#include <math.h>
 #include <string.h>
 
 void transport_destroy(struct transport *t)

@@ -3,7 +3,6 @@
 #include "base/file_store.h"
 #include "base/mem.h"
 #include "video/ffmpeg.h"
-#include "video/h264.h"
 #include "video/mux.h"
 #include "video/yuv.h"
 

@@ -7,7 +7,6 @@
 
 #include <assert.h>
 #include <math.h>
-#include <string.h>
 
 /* Maximum number of lights per particle; the probability of exceeding it is below the roulette's 0.95^60. */
 #define LIGHTS_MAX 64
