@@ -1,6 +1,5 @@
 #include "bench/bench_parts.h"
 
-#include "bench/cached.h"
 #include "base/clock.h"
 #include "codec/exr_write.h"
 #include "chart/machine.h"
@@ -26,31 +25,23 @@ static const struct {
     const char *name, *unit;
     enum bench_sense sense;
     double target;
-    bool cached; /* of the cache of light transport */
 } rows[] = {
-    { bench_decode, "EXR decode", "ms", BENCH_STATED, 0.0, false },
-    { bench_rebuild, "resample, CDFs, samples / copy", "ms", BENCH_AT_MOST, 4.0, false },
-    { bench_shadow_rays, "shadow rays of the direct stage", "Mrays/s", BENCH_AT_LEAST, 0.85, false },
-    { bench_terms, "shading a sample at a point", "ns core", BENCH_STATED, 0.0, false },
-    { bench_light_rays, "rays of the light tracer", "Mrays/s", BENCH_STATED, 0.0, false },
-    { bench_stored_caustics, "caustics: stored / traced", "Mpaths/s", BENCH_AT_LEAST, 20.0, false },
-    { bench_tone, "tone map / copy", "ms", BENCH_AT_MOST, 3.0, false },
-    { bench_jpeg, "JPEG / libjpeg-turbo", "ms", BENCH_AT_MOST, 1.05, false },
-    { bench_delivery, "delivery / bare sockets", "ms", BENCH_STATED, 0.0, false },
-    { bench_pipeline, "pipeline / its slowest stage", "ms", BENCH_AT_MOST, 1.15, false },
-    { bench_threads_light, "light: one thread / all", "ms", BENCH_AT_LEAST, 1.9, false },
-    { bench_threads_whole, "one thread / pipeline", "ms", BENCH_AT_LEAST, 1.9, false },
-    { bench_pixels, "four times the pixels", "ms", BENCH_AT_MOST, 4.1, false },
-    { bench_triangles, "16 times the triangles", "ms", BENCH_AT_MOST, 2.0, false },
-    { bench_allocations, "allocations after frame 10", "per frame", BENCH_AT_MOST, 0.0, false },
-    { bench_no_visibility, "no visibility, 60 samples", "frames/s", BENCH_STATED, 0.0, false },
-    { bench_cached_shading, "cached: shading", "frames/s", BENCH_AT_LEAST, 40.0, true },
-    { bench_cached_pipeline, "cached: whole pipeline", "frames/s", BENCH_STATED, 0.0, true },
-    { bench_cached_bounce, "cached: interreflection", "ms", BENCH_AT_MOST, 1.2, true },
-    { bench_cached_error, "cached: bias floor, relMSE", "relMSE", BENCH_AT_MOST, 2e-4, true },
-    { bench_cached_colour, "cached: bias floor, delta E", "delta E", BENCH_AT_MOST, 0.2, true },
-    { bench_cached_seams, "cached: seams", "%", BENCH_AT_MOST, 1.0, true },
-    { bench_cached_motion, "cached: temporal", "codes", BENCH_AT_MOST, 0.2, true },
+    { bench_decode, "EXR decode", "ms", BENCH_STATED, 0.0 },
+    { bench_rebuild, "resample, CDFs, samples / copy", "ms", BENCH_AT_MOST, 4.0 },
+    { bench_shadow_rays, "shadow rays of the direct stage", "Mrays/s", BENCH_AT_LEAST, 0.85 },
+    { bench_terms, "shading a sample at a point", "ns core", BENCH_STATED, 0.0 },
+    { bench_light_rays, "rays of the light tracer", "Mrays/s", BENCH_STATED, 0.0 },
+    { bench_stored_caustics, "caustics: stored / traced", "Mpaths/s", BENCH_AT_LEAST, 20.0 },
+    { bench_tone, "tone map / copy", "ms", BENCH_AT_MOST, 3.0 },
+    { bench_jpeg, "JPEG / libjpeg-turbo", "ms", BENCH_AT_MOST, 1.05 },
+    { bench_delivery, "delivery / bare sockets", "ms", BENCH_STATED, 0.0 },
+    { bench_pipeline, "pipeline / its slowest stage", "ms", BENCH_AT_MOST, 1.15 },
+    { bench_threads_light, "light: one thread / all", "ms", BENCH_AT_LEAST, 1.9 },
+    { bench_threads_whole, "one thread / pipeline", "ms", BENCH_AT_LEAST, 1.9 },
+    { bench_pixels, "four times the pixels", "ms", BENCH_AT_MOST, 4.1 },
+    { bench_triangles, "16 times the triangles", "ms", BENCH_AT_MOST, 2.0 },
+    { bench_allocations, "allocations after frame 10", "per frame", BENCH_AT_MOST, 0.0 },
+    { bench_no_visibility, "no visibility, 60 samples", "frames/s", BENCH_STATED, 0.0 },
 };
 
 #define ROWS (sizeof(rows) / sizeof(rows[0]))
@@ -290,7 +281,6 @@ enum err bench_take_sky(struct bench *b, const char *source, struct reason *why)
 
 void bench_end(struct bench *b)
 {
-    cached_destroy(b->cached);
     relighter_destroy(b->relighter);
     environment_destroy(b->environment);
     set_destroy(b->set);
@@ -315,14 +305,6 @@ static void write_title(const struct bench *b, struct bench_report *out)
              b->desc->rounds, m.cpu, m.commit, m.date);
 }
 
-/* The cache stores light paths too. */
-static bool is_requested(const struct bench_desc *d, size_t row)
-{
-    if (d->cached == BENCH_CACHED_ONLY)
-        return rows[row].cached || rows[row].run == bench_stored_caustics;
-    return !rows[row].cached || d->cached == BENCH_CACHED_TOO;
-}
-
 enum err bench_run(const struct bench_desc *desc, struct bench_report *out, struct reason *why)
 {
     struct bench b = { .desc = desc };
@@ -337,8 +319,6 @@ enum err bench_run(const struct bench_desc *desc, struct bench_report *out, stru
     if (!e)
         write_title(&b, out);
     for (size_t i = 0; i < ROWS && !e; i++) {
-        if (!is_requested(desc, i))
-            continue;
         struct bench_row *row = &out->rows[out->count++];
         *row = (struct bench_row){
             .name = rows[i].name, .unit = rows[i].unit, .sense = rows[i].sense, .target = rows[i].target

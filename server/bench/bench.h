@@ -11,15 +11,8 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#define BENCH_ROWS 24
+#define BENCH_ROWS 16
 #define BENCH_ROUNDS_MAX 99
-
-/* The rows of the cache of light transport, which take minutes. */
-enum bench_cached {
-    BENCH_CACHED_NOT,
-    BENCH_CACHED_TOO,
-    BENCH_CACHED_ONLY,
-};
 
 struct bench_desc {
     const char *scene;            /* a path; NULL: the built-in one */
@@ -33,9 +26,8 @@ struct bench_desc {
     uint32_t samples;   /* N_s per shade point */
     uint32_t particles; /* of the light tracer */
     uint32_t viewers;
-    int rounds;  /* 3..BENCH_ROUNDS_MAX */
-    int threads; /* 0: as many as there are processors */
-    enum bench_cached cached;
+    int rounds;    /* 3..BENCH_ROUNDS_MAX */
+    int threads;   /* 0: as many as there are processors */
     bool progress; /* show a progress line on standard error, if that is a terminal */
 };
 
@@ -52,8 +44,7 @@ struct bench_row {
     int rounds;               /* over so many */
     enum bench_sense sense;
     double target;
-    bool alone;  /* there is nothing to compare with: bare is 0, and the target is that of `ours`, which is the ratio */
-    bool broken; /* a condition of the target is not met, as the note says: the row does not hold */
+    bool alone; /* there is nothing to compare with: bare is 0, and the target is that of `ours`, which is the ratio */
     char note[400];    /* what the second figure is, or why there is none */
     char skipped[160]; /* why the row could not be measured; "" where it was */
 };

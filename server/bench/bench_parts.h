@@ -9,7 +9,6 @@
 #include "light/relight.h"
 
 struct scene;
-struct cached;
 struct part;
 
 #define BENCH_QUALITY 85 /* of JPEG, as relightd's default */
@@ -28,7 +27,6 @@ struct bench {
     float gain; /* of its exposure */
     uint8_t *display;
     int threads;
-    struct cached *cached; /* cached.h; NULL until a row needs it */
     struct progress line;
 };
 
@@ -118,13 +116,6 @@ enum err bench_threads_whole(struct bench *b, struct bench_row *row);
 enum err bench_pixels(struct bench *b, struct bench_row *row);
 enum err bench_triangles(struct bench *b, struct bench_row *row);
 enum err bench_allocations(struct bench *b, struct bench_row *row);
-enum err bench_cached_shading(struct bench *b, struct bench_row *row);
-enum err bench_cached_pipeline(struct bench *b, struct bench_row *row);
-enum err bench_cached_bounce(struct bench *b, struct bench_row *row);
-enum err bench_cached_error(struct bench *b, struct bench_row *row);
-enum err bench_cached_colour(struct bench *b, struct bench_row *row);
-enum err bench_cached_seams(struct bench *b, struct bench_row *row);
-enum err bench_cached_motion(struct bench *b, struct bench_row *row);
 
 /* Each of the scene's triangles cut into four at the middles of its edges, `times` times over; the
  * surface is the same. ERR_NOMEM; ERR_RANGE: indices would no longer fit. */

@@ -4,7 +4,7 @@
 
 bool bench_holds(const struct bench_row *r)
 {
-    if (r->skipped[0] || r->sense == BENCH_STATED || r->broken)
+    if (r->skipped[0] || r->sense == BENCH_STATED)
         return false;
     return r->sense == BENCH_AT_LEAST ? r->ratio >= r->target : r->ratio <= r->target;
 }

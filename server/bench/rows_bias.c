@@ -1,10 +1,9 @@
-/* Errors of frames by the cache of light transport. */
+/* Errors of direct light by the cache of light transport. */
 #include "bench/cached.h"
 
 #include "compare/flip.h"
 #include "compare/lab.h"
 #include "base/mem.h"
-#include "compare/metrics.h"
 #include "env/pyramid.h"
 #include "resolve/resolve.h"
 #include "transport/parts.h"
@@ -38,30 +37,24 @@ static void clamp_image(struct environment *e, float level)
 }
 
 /* Clips the source's texels at the level of the split, which makes a sky like any other, for which references can be
- * computed. *out: the bench's own sky where nothing is clipped. */
-static enum err without_bright(struct bench *b, struct cached *c, const struct environment **out)
+ * computed. *out: owned by the caller, after an error too. */
+static enum err without_bright(const struct bench *b, struct environment **out)
 {
+    struct environment *e = environment_create(&(struct environment_desc){ .n = b->environment->n });
     struct sky_split sky = { .level = 0.0f };
     struct reason why;
-    enum err e = ERR_OK;
+    enum err result = e ? environment_update(e, &b->frame, &why) : ERR_NOMEM;
 
-    *out = b->environment;
-    if (!c->bright)
-        return ERR_OK;
-    if (!c->clamped) {
-        c->clamped = environment_create(&(struct environment_desc){ .n = b->environment->n });
-        e = c->clamped ? environment_update(c->clamped, &b->frame, &why) : ERR_NOMEM;
-        for (int k = 0; k < CLAMP_TIMES && !e; k++) {
-            e = sky_split_take(&sky, c->clamped);
-            if (e || sky.bright_count == 0)
-                break;
-            clamp_image(c->clamped, sky.level);
-            e = environment_rebuild(c->clamped, &why);
-        }
-        sky_split_finish(&sky);
+    *out = e;
+    for (int k = 0; k < CLAMP_TIMES && !result; k++) {
+        result = sky_split_take(&sky, e);
+        if (result || sky.bright_count == 0)
+            break;
+        clamp_image(e, sky.level);
+        result = environment_rebuild(e, &why);
     }
-    *out = c->clamped;
-    return e;
+    sky_split_finish(&sky);
+    return result;
 }
 
 /* A sky of which hardly any is lit has no level: all of it is its bright part. */
@@ -123,11 +116,11 @@ static double crosswise_square(const struct cached *c, const struct cached_truth
 }
 
 /* Roots of mean squares within tiles, their mean over all pixels. The mean of delta E, from which noise cannot be
- * taken, is no more than this; *whole, the root over the whole picture at once, is no less. */
-static double crosswise_delta_e(const struct cached *c, const struct cached_truth *t, double gain, uint32_t width,
-                                uint32_t height, double *whole)
+ * taken, is no more than this. */
+static double crosswise_delta_e(const struct cached *c, const struct cached_truth *t, uint32_t width, uint32_t height)
 {
-    double roots = 0.0, squares = 0.0;
+    const double gain = gain_of(t->half[0], c->mask, width, height);
+    double roots = 0.0;
     uint64_t pixels = 0;
 
     for (uint32_t y = 0; y < height; y += TILE)
@@ -137,93 +130,36 @@ static double crosswise_delta_e(const struct cached *c, const struct cached_trut
             uint32_t count;
             const double sum = crosswise_square(c, t, gain, &at, &count);
             roots += count ? count * sqrt(fmax(0.0, sum / count)) : 0.0;
-            squares += sum;
             pixels += count;
         }
-    *whole = pixels ? sqrt(fmax(0.0, squares / (double)pixels)) : 0.0;
     return pixels ? roots / (double)pixels : 0.0;
 }
 
-static enum err judge(struct bench *b, struct cached *c)
+enum err cached_bias(struct bench *b, struct cached *c, bool bright, struct bench_row *rel_mse,
+                     struct bench_row *delta_e)
 {
-    const uint32_t width = b->desc->width, height = b->desc->height;
-    const struct environment *sky;
-    struct cached_truth own = { .samples = 0 }, *t = c->bright ? &own : &c->truth;
-    struct relight_stats stats;
-    struct metrics m = { 0 }, noise = { 0 };
+    struct environment *clamped = NULL;
+    struct cached_truth t = { { NULL } };
+    enum err e;
 
-    if (c->judged)
-        return ERR_OK;
-    enum err e = without_bright(b, c, &sky);
-    if (!e)
-        e = cached_truth_make(c, sky, t);
-    if (!e)
-        e = relighter_run(c->relighter, sky, &c->light, c->rgb, &stats);
-    if (!e)
-        e = cached_rel_mse(b, t, c->rgb, &c->rel_mse);
-    if (!e) {
-        c->delta_e =
-            crosswise_delta_e(c, t, gain_of(t->half[0], c->mask, width, height), width, height, &c->delta_e_whole);
-        e = metrics_compare(t->half[0], t->half[1], c->mask, width, height, 0.0, NULL, &noise) ? ERR_OK : ERR_NOMEM;
-        for (size_t i = 0; i < c->values; i++)
-            t->half[0][i] = 0.5f * (t->half[0][i] + t->half[1][i]);
-        if (!e)
-            e = metrics_compare(c->rgb, t->half[0], c->mask, width, height, 0.0, NULL, &m) ? ERR_OK : ERR_NOMEM;
+    if (!has_level(b, rel_mse, &e)) {
+        *delta_e = *rel_mse;
+        return e;
     }
-    c->mean_delta_e = m.delta_e;
-    c->noise = 0.5 * noise.delta_e; /* of their mean */
-    c->judged_samples = t->samples;
-    c->judged = true;
-    cached_truth_finish(t); /* of the bench's own sky too: its halves are no longer two */
+    if (bright)
+        e = without_bright(b, &clamped);
+    const struct environment *sky = bright ? clamped : b->environment;
+    if (!e)
+        e = cached_truth_make(c, sky, &t);
+    if (!e)
+        e = relighter_run(c->relighter, sky, &c->light, c->rgb, &c->stats);
+    if (!e)
+        e = cached_rel_mse(b, c, &t, c->rgb, &rel_mse->ours);
+    if (!e)
+        delta_e->ours = crosswise_delta_e(c, &t, b->desc->width, b->desc->height);
+    cached_truth_finish(&t);
+    environment_destroy(clamped);
     return e;
-}
-
-static enum err bias_row(struct bench *b, struct bench_row *row, double target, struct cached **c)
-{
-    enum err e = cached_get(b, row, c);
-
-    if (e || !*c)
-        return e;
-    row->sense = BENCH_AT_MOST;
-    row->target = target;
-    row->alone = true;
-    row->rounds = 1;
-    if (has_level(b, row, &e))
-        e = judge(b, *c);
-    return e;
-}
-
-enum err bench_cached_error(struct bench *b, struct bench_row *row)
-{
-    struct cached *c;
-
-    const enum err e = bias_row(b, row, 2e-4, &c);
-    if (e || !c || row->skipped[0])
-        return e;
-    row->ours = row->ratio = c->rel_mse;
-    snprintf(row->note, sizeof(row->note),
-             "%s, against two references of auto with %u samples together, multiplied crosswise so that their noise "
-             "cancels",
-             c->bright ? "the sky cut at the level of the split" : "the sky as it is: it has no bright part",
-             c->judged_samples);
-    return ERR_OK;
-}
-
-enum err bench_cached_colour(struct bench *b, struct bench_row *row)
-{
-    struct cached *c;
-
-    const enum err e = bias_row(b, row, 0.2, &c);
-    if (e || !c || row->skipped[0])
-        return e;
-    row->ours = row->ratio = c->delta_e;
-    snprintf(
-        row->note, sizeof(row->note),
-        "roots of the mean squares of %u x %u pixels, by both references crosswise, and their mean: that of delta E "
-        "is no more. Over all at once %.3g; against the references' mean %.3g with their noise, which is %.3g by "
-        "itself",
-        TILE, TILE, c->delta_e_whole, c->mean_delta_e, c->noise);
-    return ERR_OK;
 }
 
 /* ---- 8-bit codes ---- */
@@ -323,25 +259,22 @@ static bool differ(const struct seams *s, size_t i, size_t j)
     return false;
 }
 
-/* Pixels with a neighbour to the right or below, [of the same block; of another], and those that differ. */
-static void count_seams(const struct seams *s, uint64_t all[2], uint64_t seen[2])
+/* Pixels with a neighbour of another block to the right or below, and those of them that differ from it. */
+static void count_seams(const struct seams *s, uint64_t *all, uint64_t *seen)
 {
     const uint32_t width = s->set->gbuffer->width;
 
     for (size_t i = 0; i < s->pixels; i++) {
         const size_t next[2] = { i % width + 1 < width ? i + 1 : i, i + width < s->pixels ? i + width : i };
-        bool has[2] = { false, false }, seam[2] = { false, false };
+        bool has = false, seam = false;
         for (int k = 0; k < 2 && s->mask[i]; k++) {
-            if (next[k] == i || !s->mask[next[k]])
+            if (next[k] == i || !s->mask[next[k]] || pixel_block(s, i) == pixel_block(s, next[k]))
                 continue;
-            const bool border = pixel_block(s, i) != pixel_block(s, next[k]);
-            has[border] = true;
-            seam[border] |= differ(s, i, next[k]);
+            has = true;
+            seam |= differ(s, i, next[k]);
         }
-        for (int k = 0; k < 2; k++) {
-            all[k] += has[k];
-            seen[k] += seam[k];
-        }
+        *all += has;
+        *seen += seam;
     }
 }
 
@@ -350,7 +283,7 @@ static enum err measure_seams(struct seams *s, struct bench *b, struct bench_row
     const struct transport_frame frame = { .samples = CACHED_SAMPLES };
     const struct gbuffer *g = s->set->gbuffer;
     struct transport_frame_stats stats;
-    uint64_t all[2] = { 0 }, seen[2] = { 0 };
+    uint64_t all = 0, seen = 0;
     enum err e = ERR_OK;
 
     for (int k = 0; k < 2 && !e; k++) {
@@ -359,30 +292,18 @@ static enum err measure_seams(struct seams *s, struct bench *b, struct bench_row
     }
     if (e)
         return e;
-    struct metrics m = { 0 };
-    if (!metrics_compare(s->picture[0], s->picture[1], s->mask, g->width, g->height, 0.0, NULL, &m))
-        return ERR_NOMEM;
     const double gain = gain_of(s->picture[1], s->mask, g->width, g->height);
     for (int k = 0; k < 2; k++)
         to_codes(s->picture[k], 3 * s->pixels, gain);
-    count_seams(s, all, seen);
-    if (all[1] == 0) {
+    count_seams(s, &all, &seen);
+    if (all == 0)
         bench_skip(row, "no two blocks meet");
-        return ERR_OK;
-    }
-    row->ours = row->ratio = 100.0 * (double)seen[1] / (double)all[1];
-    row->rounds = 1;
-    row->alone = true;
-    snprintf(row->note, sizeof(row->note),
-             "of %llu border pixels of blocks at %ux%u: what compression changes is different by more than one 8-bit "
-             "code on the two sides; within blocks %.3g %%; %.0f MB without compression, %.0f with it, relMSE %.2g",
-             (unsigned long long)all[1], g->width, g->height, all[0] ? 100.0 * (double)seen[0] / (double)all[0] : 0.0,
-             1e-6 * (double)transport_stats(s->cache[1])->bytes, 1e-6 * (double)transport_stats(s->cache[0])->bytes,
-             m.rel_mse);
+    else
+        row->ours = 100.0 * (double)seen / (double)all;
     return ERR_OK;
 }
 
-enum err bench_cached_seams(struct bench *b, struct bench_row *row)
+enum err cached_seams(struct bench *b, struct bench_row *row)
 {
     struct seams s = { .set = NULL };
 
@@ -395,8 +316,6 @@ enum err bench_cached_seams(struct bench *b, struct bench_row *row)
 
 /* ---- A sky that moves ---- */
 
-#define MOST_CODES 0.2 /* the target */
-
 struct motion {
     struct bench *b;
     struct cached *c;
@@ -405,9 +324,6 @@ struct motion {
     float *codes[3]; /* of the last frames: frame i in i % 3 */
     double gain;
     uint64_t bins[BINS];
-    double worst;
-    uint8_t *glossy;              /* [height][width]: pixels that see a glossy point */
-    uint64_t above, above_glossy; /* differences above MOST_CODES, and those at such pixels */
 };
 
 static void rebuild_pyramid(const struct environment *e)
@@ -468,9 +384,6 @@ static void count_differences(struct motion *m, int i)
         if (m->c->mask[k / 3]) {
             const double d = fabs((double)now[k] - 2.0 * (double)last[k] + (double)first[k]);
             m->bins[(size_t)fmin(d * BINS_PER_CODE, BINS - 1)]++;
-            m->worst = fmax(m->worst, d);
-            m->above += d > MOST_CODES;
-            m->above_glossy += d > MOST_CODES && m->glossy[k / 3];
         }
 }
 
@@ -487,22 +400,10 @@ static double percentile(const struct motion *m, double rest)
     return (double)k / BINS_PER_CODE;
 }
 
-static bool mark_glossy(struct motion *m)
-{
-    const struct gbuffer *g = m->b->set->gbuffer;
-    const size_t pixels = m->c->values / 3;
-
-    m->glossy = mem_alloc(pixels, 1);
-    for (size_t i = 0; m->glossy && i < pixels; i++)
-        for (uint32_t k = g->entry_first[i]; k < g->entry_first[i + 1]; k++)
-            m->glossy[i] |= g->packets[g->entries[k].point / PACKET].kind != LOBE_LAMBERT;
-    return m->glossy;
-}
-
 static enum err motion_run(struct motion *m, struct bench_row *row)
 {
     struct reason why;
-    bool room = mark_glossy(m);
+    bool room = true;
 
     for (int k = 0; k < 3; k++) {
         m->codes[k] = mem_alloc(m->c->values, sizeof(float));
@@ -514,22 +415,12 @@ static enum err motion_run(struct motion *m, struct bench_row *row)
         e = make_frame(m, i);
         if (!e && i >= 2)
             count_differences(m, i);
-        progress_step(&m->b->line, 1);
     }
-    row->ours = row->ratio = percentile(m, 1e-4);
-    row->alone = true;
-    row->rounds = 1;
-    snprintf(
-        row->note, sizeof(row->note),
-        "99.99th percentile of |second difference in time| in 8-bit codes, not rounded; the sky turns by %g "
-        "degrees a frame, %d frames, its bright part left out; worst %.3g, 99th percentile %.3g; %llu are above %g, "
-        "%llu of them where glossy surfaces are seen",
-        STEP_DEGREES, STEP_FRAMES, m->worst, percentile(m, 1e-2), (unsigned long long)m->above, MOST_CODES,
-        (unsigned long long)m->above_glossy);
+    row->ours = percentile(m, 1e-4);
     return e;
 }
 
-enum err bench_cached_motion(struct bench *b, struct bench_row *row)
+enum err cached_motion(struct bench *b, struct cached *c, struct bench_row *row)
 {
     struct motion *m = mem_alloc(1, sizeof(*m)); /* half a megabyte of bins */
     enum err e = ERR_OK;
@@ -537,16 +428,11 @@ enum err bench_cached_motion(struct bench *b, struct bench_row *row)
     if (!m)
         return ERR_NOMEM;
     m->b = b;
-    e = cached_get(b, row, &m->c);
-    if (!e && m->c) {
-        row->sense = BENCH_AT_MOST;
-        row->target = MOST_CODES;
-        if (has_level(b, row, &e))
-            e = motion_run(m, row);
-    }
+    m->c = c;
+    if (has_level(b, row, &e))
+        e = motion_run(m, row);
     for (int k = 0; k < 3; k++)
         mem_free(m->codes[k]);
-    mem_free(m->glossy);
     sky_split_finish(&m->split);
     environment_destroy(m->sky);
     mem_free(m);

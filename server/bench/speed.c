@@ -10,10 +10,10 @@ struct speed {
     struct bench b;
     struct cached *c;
     struct relight_desc all, direct;
-    struct part *part;                /* whose rays are the bare ones */
-    double per_picture;               /* all of the picture's bare rays over those of the part */
-    double all_s, direct_s;           /* of the last pictures */
-    double exr_ms;                    /* from a sky to a float EXR */
+    struct part *part;      /* whose rays are the bare ones */
+    double per_picture;     /* all of the picture's bare rays over those of the part */
+    double all_s, direct_s; /* of the last pictures */
+    double exr_ms;          /* from a sky to a float EXR */
 };
 
 static enum err shade(struct speed *s, const struct relight_desc *light, double *seconds)
@@ -137,7 +137,7 @@ static enum err judge(struct speed *s, const struct relight_desc *light, double 
 {
     const struct relight_desc mis = { .direct = { .method = METHOD_MIS, .samples = SPEED_MIS_SAMPLES },
                                       .classes = light->classes };
-    struct cached_truth truth = { .samples = 0 };
+    struct cached_truth truth = { { NULL } };
     double ignored;
 
     s->c->light.classes = light->classes; /* those of the truth */
@@ -145,35 +145,23 @@ static enum err judge(struct speed *s, const struct relight_desc *light, double 
     if (!e)
         e = shade(s, light, &ignored);
     if (!e)
-        e = cached_rel_mse(&s->b, &truth, s->c->rgb, ours);
+        e = cached_rel_mse(&s->b, s->c, &truth, s->c->rgb, ours);
     if (!e)
         e = shade(s, &mis, &ignored);
     if (!e)
-        e = cached_rel_mse(&s->b, &truth, s->c->rgb, theirs);
+        e = cached_rel_mse(&s->b, s->c, &truth, s->c->rgb, theirs);
     cached_truth_finish(&truth);
     return e;
 }
 
-/* What is known of the last sky is forgotten. */
 static enum err measure_bias(struct speed *s, struct speed_sky *out)
 {
-    struct cached *c = s->c;
-
-    c->light.classes = s->direct.classes;
-    c->bright = out->bright;
-    c->judged = false;
-    environment_destroy(c->clamped);
-    c->clamped = NULL;
-    cached_truth_finish(&c->truth);
+    s->c->light.classes = s->direct.classes;
     out->judged = true;
-    enum err e = bench_cached_error(&s->b, &out->bias);
+    enum err e = cached_bias(&s->b, s->c, out->bright, &out->bias, &out->colour);
     if (!e)
-        e = bench_cached_colour(&s->b, &out->colour);
-    if (!e)
-        e = bench_cached_seams(&s->b, &out->seams);
-    if (!e)
-        e = bench_cached_motion(&s->b, &out->motion);
-    return e;
+        e = cached_seams(&s->b, &out->seams);
+    return e ? e : cached_motion(&s->b, s->c, &out->motion);
 }
 
 static enum err measure_sky(struct speed *s, const char *source, bool judged, struct speed_sky *out, struct reason *why)
@@ -198,15 +186,12 @@ static enum err measure_sky(struct speed *s, const char *source, bool judged, st
 /* The cache of direct light and what all light needs besides. */
 static enum err precompute(struct speed *s, struct speed_case *out, struct reason *why)
 {
-    struct bench_row row = { .name = NULL };
     const double start = clock_seconds(), busy = clock_processor();
     double ms;
-    enum err e = cached_get(&s->b, &row, &s->c);
+    enum err e = cached_create(&s->b, &s->c, why);
 
-    if (!e && !s->c)
-        return err_say(why, ERR_RANGE, "%s", row.skipped);
     if (e)
-        return err_say(why, e, "%s", err_text(e));
+        return e;
     s->direct = s->all = s->c->light;
     s->all.classes = PATH_ALL;
     s->all.renew = CAUSTIC_PARTS;
@@ -253,6 +238,7 @@ enum err speed_measure(const struct bench_desc *desc, bool judged, struct speed_
     out->level = s->b.kernels ? s->b.kernels->level : "";
     out->width = desc->width;
     out->height = desc->height;
+    cached_destroy(s->c);
     bench_end(&s->b);
     mem_free(s);
     return e;

@@ -12,7 +12,7 @@
 struct bench_program {
     struct setup setup; /* of which size, scene, source, cpu and threads are used */
     struct bench_desc desc;
-    bool json, cached, cached_only, first_minute, speed;
+    bool json, first_minute, speed;
 };
 
 #define AT(field) SETTING_AT(bench_program, field)
@@ -28,9 +28,6 @@ static const struct setting rows[] = {
       AT(desc.viewers) },
     { "rounds", "N", "interleaved rounds, 3 to 99; the median counts; long rows take fewer; above 3, short ones more",
       "9", .section = "Measurement", WHOLE(3, BENCH_ROUNDS_MAX), AT(desc.rounds) },
-    { "cached", NULL, "also measure the cache of light transport, which takes minutes", NULL, .section = "Measurement",
-      SWITCH, AT(cached) },
-    { "cached-only", NULL, "measure that cache alone", NULL, .section = "Measurement", SWITCH, AT(cached_only) },
     { "first-minute", NULL, "measure how the error of a live image falls while its cache is computed, instead", NULL,
       .section = "Measurement", SWITCH, AT(first_minute) },
     { "speed", NULL, "measure the cost of images by the cache for several scenes and skies in one table, instead", NULL,
@@ -56,7 +53,6 @@ static enum err read_options(const struct command *c, struct bench_program *b, s
     d->width = b->setup.size[0];
     d->height = b->setup.size[1];
     d->threads = (int)b->setup.threads;
-    d->cached = b->cached_only ? BENCH_CACHED_ONLY : b->cached ? BENCH_CACHED_TOO : BENCH_CACHED_NOT;
     d->progress = true;
     return e;
 }
