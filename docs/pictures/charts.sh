@@ -1,7 +1,7 @@
 #!/bin/bash
 # Makes the charts of docs/internals/speed-and-accuracy.md and docs/internals/transport-cache.md with relight-chart, on an idle machine:
 #     docs/pictures/charts.sh [FOLDER OF THE PROGRAMS] [FOLDER FOR THE WHOLE PAGES] [court|leaves|ring|masks ...]
-# All four take an hour on two cores; each prints its own time. The complete pages, with tables and images, are in the second
+# All four take under an hour on two cores; each prints its own time. The complete pages, with tables and images, are in the second
 # folder, where a run that was interrupted finds its references again.
 set -euo pipefail
 here="$(dirname "$(readlink -f "$0")")"
@@ -21,7 +21,7 @@ take() { # CHART NAME
 }
 
 make_court() {
-    chart court --budgets 4,8,16,32
+    chart court "${less[@]}" --budgets 4,8,16,32
     take court/01-builtin-noon-direct-light.rel_mse.svg court-noon-direct
     take court/02-builtin-noon-all-light.rel_mse.svg court-noon-all
     take court/03-builtin-overcast-direct-light.rel_mse.svg court-overcast-direct

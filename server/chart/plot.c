@@ -163,9 +163,9 @@ static void write_script(struct text *t, const struct panel *p, enum error_kind 
     text_add(t, "\nset logscale xy\nset xrange [%.6g:%.6g]\nset yrange [%.6g:%.6g]\n", f.x[0], f.x[1], f.y[0], f.y[1]);
     text_add(t, "set xlabel 'milliseconds for a whole frame'\nset ylabel '%s'\n", error_about(kind)->title);
     text_add(t, "set border 3 lc rgb 'black'\nset tics nomirror out\nset format x '%%g'\nset format y '%%g'\n"
-                "set xtics add (2, 3, 5, 7, 15, 20, 30, 50, 70, 150, 200, 300, 500, 700, 2000, 3000, 5000)\n"
+                "set xtics add (2, 3, 5, 20, 30, 50, 200, 300, 500, 2000, 3000, 5000)\n"
                 "set grid xtics ytics lc rgb '#888888' lw 0.3 dt (1,4)\n"
-                "set key outside right top reverse Left samplen 2.2 spacing 1.15\n");
+                "set key outside right top reverse Left samplen 2 spacing 1.0 font ',14'\n");
     if (kind == ERROR_REL_MSE)
         text_add(t, "doubt = %.6g\n", fmax(2.0 * p->judge.doubt, 1e-30));
     add_data(t, p, kind);
