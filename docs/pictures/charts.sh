@@ -1,7 +1,7 @@
 #!/bin/bash
 # Makes the charts of docs/internals/speed-and-accuracy.md and docs/internals/transport-cache.md with relight-chart, on an idle machine:
 #     docs/pictures/charts.sh [FOLDER OF THE PROGRAMS] [FOLDER FOR THE WHOLE PAGES] [court|leaves|ring|masks ...]
-# All four take under an hour on two cores; each prints its own time. The complete pages, with tables and images, are in the second
+# All four took an hour on two cores with 16 runs a point of the court; each prints its own time. The complete pages, with tables and images, are in the second
 # folder, where a run that was interrupted finds its references again.
 set -euo pipefail
 here="$(dirname "$(readlink -f "$0")")"
