@@ -13,8 +13,8 @@
  * Power: of each comparison the joint error over the whole picture of SEEDS_ALL seeds is asserted, as a share of it:
  * WORST_ERROR, or what the comparison says. A bias of five times that is caught in 7 of 10 if the error is as large as
  * is allowed, and where it is two thirds of it, as the counts were chosen, in 998 of 1000. So WORST_ERROR is a bias of
- * 1 %. Each commit draws SEEDS_FEW with half of the samples each, whose errors are 2.45 times as large: it catches a
- * bias of 2.72 % as often, at two thirds of the error one of 2 % in 8 of 10 and one of 1.41 % in 3 of 10. What the
+ * 1 %. Each commit draws SEEDS_FEW with a quarter of the samples each, whose errors are 3.46 times as large: it catches
+ * a bias of 3.85 % as often, at two thirds of the error one of 2.8 % in 8 of 10 and one of 2 % in 3 of 10. What the
  * tests say of a bias that is caught holds for all seeds. */
 #pragma once
 
@@ -467,10 +467,10 @@ static inline void sum_regions(const struct world *w, const float *rgb, double o
     }
 }
 
-/* Each commit draws half of the samples. */
+/* Each commit draws a quarter of the samples. */
 static inline uint32_t samples_part(void)
 {
-    return seeds_count(2, 1);
+    return seeds_count(4, 1);
 }
 
 static inline struct estimate measure(struct world *w, const struct technique *t)

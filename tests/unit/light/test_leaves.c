@@ -85,7 +85,7 @@ static void light_in_a_shell_that_transmits(void **state)
         { "eye paths, indirect", BY_EYE, PATH_INDIRECT_LIT, .count = 256 },
         { "path, indirect", BY_PATH, PATH_INDIRECT_LIT, .count = 128 },
         { "mlt, indirect", BY_MLT, PATH_INDIRECT_LIT, .count = 128 },
-        { "light tracer, indirect", BY_LIGHT, PATH_INDIRECT_LIT, .count = 100000 },
+        { "light tracer, indirect", BY_LIGHT, PATH_INDIRECT_LIT, .count = 240000 },
     };
     const double want[] = { at_once, at_once, at_once, at_once, later, later, later, later };
 

@@ -203,9 +203,9 @@ static void references_agree_beside_a_thin_pane(void **state)
         struct technique technique;
         double want;
     } of[] = {
-        { { "path, direct", BY_PATH, PATH_DIRECT, .count = 128 }, direct },
-        { { "path, caustics", BY_PATH, PATH_CAUSTICS, .count = 1024 }, albedo - direct },
-        { { "mlt, direct and caustics", BY_MLT, PATH_DIRECT | PATH_CAUSTICS, .count = 256 }, albedo },
+        { { "path, direct", BY_PATH, PATH_DIRECT, .count = 256 }, direct },
+        { { "path, caustics", BY_PATH, PATH_CAUSTICS, .count = 2048 }, albedo - direct },
+        { { "mlt, direct and caustics", BY_MLT, PATH_DIRECT | PATH_CAUSTICS, .count = 512 }, albedo },
     };
     struct world w = { .scene = beside_pane(), .direct = direct_create(best_kernels()) };
 

@@ -1,12 +1,12 @@
 /* The error that the pilot says, held to the truth: relMSE against a converged picture of the same G-buffer; and its
  * choice of a technique and of where samples go, held to all techniques with even counts at the same price. Pictures
- * of 64 x 36 of the built-in court.
+ * of 48 x 27 of the built-in court.
  *
- * Points share light samples, so that one picture's error scatters by a third or so: means over MEASURED pictures of
- * one sky, each with numbers of its own, are compared; the standard error is below 8 % (it is printed). The reference
- * has 2048 samples and 256 eye paths a point, about a fifteenth of the errors here (twice as many in `./test --long`:
- * a thirtieth). A limit of 30 % would see an error forgotten or counted twice, a denominator off by a sixth, and half
- * of the squared difference taken for the whole.
+ * Points share light samples, so that one picture's error scatters by a fifth or so: means over ALL pictures of one
+ * sky, each with numbers of its own, are compared, FEW in each commit; their standard error is below 8 % (it is
+ * printed). The reference has 2048 samples and 256 eye paths a point, about a fifteenth of the errors here (twice as
+ * many in `./test --long`: a thirtieth). A limit of 30 % would see an error forgotten or counted twice, a denominator
+ * off by a sixth, and half of the squared difference taken for the whole.
  *
  * Samples are dealt by where it is hard: the light of the pictures must be the reference's all the same, within 4
  * standard errors (printed) of the mean. */
@@ -16,7 +16,7 @@
 
 #include <math.h>
 
-enum { WIDTH = 64, HEIGHT = 36, PIXELS = WIDTH * HEIGHT, LEARNING = 24, MEASURED = 16 };
+enum { WIDTH = 48, HEIGHT = 27, PIXELS = WIDTH * HEIGHT, LEARNING = 24, FEW = 8, ALL = 16 };
 
 static float rgb[3 * PIXELS], reference[3 * PIXELS];
 static uint8_t mask[PIXELS];
@@ -75,24 +75,25 @@ static struct outcome measure(const struct set *set, const struct environment *e
 {
     struct relight_desc light = { .classes = classes };
     struct pilot *p = pilot_of(set);
+    const uint32_t measured = seeds_count(FEW, ALL);
     struct outcome o = { 0 };
     struct relight_stats stats;
     double squares = 0.0, lights = 0.0;
 
-    for (light.direct.pass = 0; light.direct.pass < LEARNING + MEASURED; light.direct.pass++) {
+    for (light.direct.pass = 0; light.direct.pass < LEARNING + measured; light.direct.pass++) {
         fly(p, e, &light, (struct pilot_target){ .seconds = seconds }, 1, rgb, &stats, &o.last);
         const double error = rel_mse();
         if (light.direct.pass < LEARNING)
             continue;
-        o.said += o.last.error / MEASURED;
-        o.truth += error / MEASURED;
-        squares += error * error / MEASURED;
+        o.said += o.last.error / measured;
+        o.truth += error / measured;
+        squares += error * error / measured;
         const double one = light_of(rgb) / light_of(reference);
-        o.light += one / MEASURED;
-        lights += one * one / MEASURED;
+        o.light += one / measured;
+        lights += one * one / measured;
     }
-    o.deviation = sqrt(fmax(0.0, squares - o.truth * o.truth) / (MEASURED - 1.0)) / o.truth;
-    o.light_deviation = sqrt(fmax(0.0, lights - o.light * o.light) / (MEASURED - 1.0));
+    o.deviation = sqrt(fmax(0.0, squares - o.truth * o.truth) / (measured - 1.0)) / o.truth;
+    o.light_deviation = sqrt(fmax(0.0, lights - o.light * o.light) / (measured - 1.0));
     pilot_end(p);
     return o;
 }
@@ -115,26 +116,26 @@ static void compare(struct environment *e, uint32_t classes, double seconds, con
 static void the_error_said_is_true_under_cloud(void **state)
 {
     (void)state;
-    compare(sky_environment(sky_overcast(64, 32), 32, 0.0), PATH_BACKGROUND | PATH_DIRECT, 0.027, "overcast, direct");
+    compare(sky_environment(sky_overcast(64, 32), 32, 0.0), PATH_BACKGROUND | PATH_DIRECT, 0.015, "overcast, direct");
 }
 
 static void the_error_said_is_true_under_a_sun(void **state)
 {
     (void)state;
-    compare(sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0), PATH_BACKGROUND | PATH_DIRECT, 0.027, "sun, direct");
+    compare(sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0), PATH_BACKGROUND | PATH_DIRECT, 0.015, "sun, direct");
 }
 
 static void the_error_said_is_true_with_interreflection(void **state)
 {
     (void)state;
-    compare(sky_environment(sky_overcast(64, 32), 32, 0.0), PATH_ALL, 0.045, "overcast, all");
+    compare(sky_environment(sky_overcast(64, 32), 32, 0.0), PATH_ALL, 0.025, "overcast, all");
 }
 
 /* Left out or not, the light of the bounce is in the error that is said. */
 static void what_is_left_out_is_counted(void **state)
 {
     (void)state;
-    compare(sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0), PATH_ALL, 0.0055, "sun, all, in haste");
+    compare(sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0), PATH_ALL, 0.0032, "sun, all, in haste");
 }
 
 /* Each technique for all surfaces, with as many samples as take the time; mean over seeds, in each commit half of them:
@@ -142,7 +143,7 @@ static void what_is_left_out_is_counted(void **state)
 static double by_technique(const struct set *set, const struct environment *e, struct direct_desc desc, double seconds)
 {
     const struct kernels *k;
-    const uint32_t seeds = seeds_count(MEASURED / 2, MEASURED);
+    const uint32_t seeds = seeds_count(FEW, ALL);
     struct reason why;
     double sum = 0.0;
 
@@ -179,7 +180,7 @@ static void weigh_choice(struct environment *e, const char *sky)
         { "faces, sun", { .method = METHOD_FACES, .sun = true } },
         { "faces, 8 x 8 cells, sun", { .method = METHOD_FACES, .cells = 8, .sun = true } },
     };
-    const double seconds = 0.045;
+    const double seconds = 0.025;
     struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
     double least = INFINITY;
 
