@@ -61,9 +61,12 @@ bool mem_reserve(void *array, size_t count, size_t *capacity, size_t size)
     if (count < *capacity)
         return true;
     memcpy(&old, array, sizeof(old));
-    void *grown = mem_grow(old, count, more, size);
+    void *grown = mem_alloc_raw(more, size);
     if (!grown)
         return false;
+    if (old)
+        memcpy(grown, old, count * size);
+    mem_free(old);
     memcpy(array, &grown, sizeof(grown));
     *capacity = more;
     return true;

@@ -23,8 +23,8 @@ void *mem_alloc_large(size_t count, size_t size);
  * unchanged. old may be NULL. */
 void *mem_grow(void *old, size_t old_count, size_t count, size_t size);
 
-/* Makes room for one more element behind `count` of a growing array; doubles its capacity, at first 64. array: the
- * address of the pointer to it. False when out of memory: nothing has changed. */
+/* Makes room for one more element, not initialised, behind `count` of a growing array; doubles its capacity, at first
+ * 64. array: the address of the pointer to it. False when out of memory: nothing has changed. */
 bool mem_reserve(void *array, size_t count, size_t *capacity, size_t size);
 
 void mem_free(void *p); /* NULL is allowed */
