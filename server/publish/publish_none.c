@@ -2,6 +2,8 @@
 
 #include <stddef.h>
 
+#pragma GCC diagnostic ignored "-Wunused-parameter" /* nothing is done with them */
+
 enum err publish_available(struct reason *why)
 {
     return err_say(why, ERR_UNSUPPORTED,
@@ -11,34 +13,26 @@ enum err publish_available(struct reason *why)
 enum err publisher_create(const struct publish_target *targets, uint32_t count, struct publisher **out,
                           struct reason *why)
 {
-    (void)targets;
     *out = NULL;
     return count > 0 ? publish_available(why) : ERR_OK;
 }
 
 bool publisher_wants(struct publisher *p, bool *key)
 {
-    (void)p;
     *key = false;
     return false;
 }
 
 void publisher_push(struct publisher *p, struct picture *picture, int64_t time_us)
 {
-    (void)p;
-    (void)picture;
-    (void)time_us;
 }
 
 uint32_t publisher_report(struct publisher *p, struct server_publish out[SERVER_PUBLISH_MAX])
 {
-    (void)p;
-    (void)out;
     return 0;
 }
 
 bool publisher_destroy(struct publisher *p)
 {
-    (void)p;
     return true;
 }

@@ -1,5 +1,7 @@
 #include "video/h264.h"
 
+#pragma GCC diagnostic ignored "-Wunused-parameter" /* nothing is done with them */
+
 bool h264_built(void)
 {
     return false;
@@ -12,9 +14,6 @@ bool h264_available(void)
 
 double h264_max_useful_rate(uint32_t width, uint32_t height, double rate)
 {
-    (void)width;
-    (void)height;
-    (void)rate;
     return 0.0;
 }
 
@@ -25,14 +24,10 @@ struct h264_encoder *h264_encoder_create(void)
 
 void h264_encoder_destroy(struct h264_encoder *h)
 {
-    (void)h;
 }
 
 enum err h264_encode(struct h264_encoder *h, const uint8_t *rgb, const struct h264_desc *desc, struct h264_output *out)
 {
-    (void)h;
-    (void)rgb;
-    (void)desc;
     *out = (struct h264_output){ 0 };
     return ERR_UNSUPPORTED;
 }
