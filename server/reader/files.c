@@ -6,7 +6,6 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -216,24 +215,4 @@ enum err scene_files_check(const struct scene_files *f, struct reason *why)
             return err_say(why, ERR_IO, "%s: has changed while the scene was read; load it again", f->opened[i].path);
     }
     return ERR_OK;
-}
-
-static enum err host_open(void *context, const char *path, int *fd, size_t *size, struct reason *why)
-{
-    return scene_files_open(context, path, fd, size, why);
-}
-
-static enum err host_allow(void *context, const char *path, struct reason *why)
-{
-    return scene_files_allow(context, path, why);
-}
-
-static void host_step(void *context)
-{
-    (void)context;
-}
-
-struct host scene_files_host(struct scene_files *f)
-{
-    return (struct host){ host_open, host_allow, host_step, f, NAN, 0 };
 }

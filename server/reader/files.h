@@ -37,6 +37,3 @@ MUST_CHECK enum err scene_files_open(struct scene_files *f, const char *path, in
 /* Whether the files that were opened are still the same: else parts of what was read may belong to different versions,
  * or a file that was being written was read to where it had got. ERR_IO: one is not. */
 MUST_CHECK enum err scene_files_check(const struct scene_files *f, struct reason *why);
-
-/* For reading in this process, at rest; `f` must outlive it. */
-struct host scene_files_host(struct scene_files *f);

@@ -9,7 +9,6 @@ from pathlib import Path
 
 ROOT = Path(sys.argv[1])
 EXCEPT = {
-    "scene_files_host",  # reads scenes without a process, for tests and fuzzers
     "direct_samples",  # the kernel's own samples, from which a test computes Eq. 4 again
 }
 NOISE = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*"|' + r"'(?:\\.|[^'\\\n])+'", re.S)

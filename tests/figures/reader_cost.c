@@ -3,7 +3,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "import/import.h"
-#include "reader/files.h"
+#include "tests/unit/scene/host_here.h"
 #include "reader/reader.h"
 
 #include <stdio.h>
@@ -44,7 +44,7 @@ static enum err read_here(const char *path, struct scene **out, struct reason *w
 
     enum err e = scene_files_init(&files, path, SIZE_MAX);
     if (!e) {
-        const struct host host = scene_files_host(&files);
+        const struct host host = host_here(&files);
         e = import_scene(path, &host, out, why);
     }
     scene_files_finish(&files);

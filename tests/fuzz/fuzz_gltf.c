@@ -4,7 +4,7 @@
 #include "harness.h"
 
 #include "import/import.h"
-#include "reader/files.h"
+#include "tests/unit/scene/host_here.h"
 
 #include <string.h>
 
@@ -25,7 +25,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
     struct scene_files files;
 
     require(scene_files_init(&files, path, LARGEST) == ERR_OK, "memory");
-    struct host host = scene_files_host(&files);
+    struct host host = host_here(&files);
     host.time = 1.0;
     const enum err e = import_scene(path, &host, &scene, &why);
 

@@ -4,7 +4,7 @@
 #include "harness.h"
 
 #include "import/import.h"
-#include "reader/files.h"
+#include "tests/unit/scene/host_here.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
@@ -14,7 +14,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
     struct scene_files files;
 
     require(scene_files_init(&files, path, (size_t)1 << 30) == ERR_OK, "memory");
-    const struct host host = scene_files_host(&files);
+    const struct host host = host_here(&files);
     const enum err e = import_scene(path, &host, &scene, &why);
 
     require((e == ERR_OK) == (scene != NULL), "a scene or an error");

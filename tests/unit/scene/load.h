@@ -4,7 +4,7 @@
 #include "scene/files.h"
 
 #include "import/import.h"
-#include "reader/files.h"
+#include "scene/host_here.h"
 
 #include <math.h>
 #include <stdbool.h>
@@ -37,7 +37,7 @@ static inline enum err load_at(const char *path, double time, struct scene **out
 
     enum err e = scene_files_init(&files, path, (size_t)1 << 30);
     if (!e) {
-        struct host host = scene_files_host(&files);
+        struct host host = host_here(&files);
         host.time = time;
         e = import_scene(path, &host, out, why);
     }
