@@ -3,6 +3,7 @@
 #include "annual/spiral.h"
 #include "base/mem.h"
 #include "base/vec.h"
+#include "base/sort.h"
 #include "scene/mesh_read.h"
 
 #include <errno.h>
@@ -72,12 +73,6 @@ static enum err read_file(const char *path, struct points *out, struct reason *w
     return e;
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return x < y ? -1 : x > y;
-}
-
 /* The median distance to the nearest neighbour. */
 static double median_spacing(const struct points *p)
 {
@@ -93,7 +88,7 @@ static double median_spacing(const struct points *p)
         }
     }
     if (near && p->count > 1) {
-        qsort(near, p->count, sizeof(*near), ascending);
+        sort_doubles(near, p->count);
         median = isfinite(near[p->count / 2]) ? near[p->count / 2] : 0.0;
     }
     mem_free(near);

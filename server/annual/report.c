@@ -1,9 +1,10 @@
 #include "annual/annual_parts.h"
 
 #include "annual/maps.h"
-#include "base/file_store.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/sort.h"
+#include "base/text.h"
 
 #include <jansson.h>
 #include <math.h>
@@ -14,44 +15,39 @@
 
 /* ---- Tables ---- */
 
-static enum err store_text(struct annual *a, const char *name, const char *text, size_t size, struct reason *why)
+/* Frees the text. */
+static enum err store(struct annual *a, const char *name, struct text *t, struct reason *why)
 {
     char path[LEDGER_PATH];
 
     ledger_path(a->desc.folder, name, path);
-    return file_store(path, text, size, why);
+    const enum err e = text_store(t, path, why);
+    text_finish(t);
+    return e;
 }
 
-static void print_sensors(const struct annual *a, FILE *f)
+static void print_sensors(const struct annual *a, struct text *t)
 {
-    fputs("sensor,x,y,z,nx,ny,nz,daylight_autonomy,udi_below_100,udi_100_300,udi_300_3000,udi_above_3000,"
-          "sunlit_hours,daylight_factor,klux_hours,max_lx\n",
-          f);
+    text_add(t, "sensor,x,y,z,nx,ny,nz,daylight_autonomy,udi_below_100,udi_100_300,udi_300_3000,udi_above_3000,"
+                "sunlit_hours,daylight_factor,klux_hours,max_lx\n");
     for (size_t i = 0; i < a->points.count; i++) {
         const struct sensor_year *s = &a->sensors[i];
         const struct sensor *at = &a->points.at[i];
-        fprintf(f, "%zu,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.4f", i, (double)at->position.x, (double)at->position.y,
-                (double)at->position.z, (double)at->normal.x, (double)at->normal.y, (double)at->normal.z,
-                s->autonomous / a->occupied);
+        text_add(t, "%zu,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.4f", i, (double)at->position.x, (double)at->position.y,
+                 (double)at->position.z, (double)at->normal.x, (double)at->normal.y, (double)at->normal.z,
+                 s->autonomous / a->occupied);
         for (int k = 0; k < 4; k++)
-            fprintf(f, ",%.4f", s->udi[k] / a->occupied);
-        fprintf(f, ",%.6g,%.5f,%.6g,%.6g\n", s->sunlit, (double)a->factor[i], 1e-3 * s->lux_hours, s->lux_max);
+            text_add(t, ",%.4f", s->udi[k] / a->occupied);
+        text_add(t, ",%.6g,%.5f,%.6g,%.6g\n", s->sunlit, (double)a->factor[i], 1e-3 * s->lux_hours, s->lux_max);
     }
 }
 
 static enum err write_sensors(struct annual *a, struct reason *why)
 {
-    char *text = NULL;
-    size_t size = 0;
-    FILE *f = open_memstream(&text, &size);
+    struct text t = { .bytes = NULL };
 
-    if (!f)
-        return err_say(why, ERR_NOMEM, "out of memory");
-    print_sensors(a, f);
-    const bool bad = fclose(f) != 0;
-    const enum err e = bad ? err_say(why, ERR_NOMEM, "out of memory") : store_text(a, "sensors.csv", text, size, why);
-    free(text);
-    return e;
+    print_sensors(a, &t);
+    return store(a, "sensors.csv", &t, why);
 }
 
 /* ---- The summary ---- */
@@ -159,13 +155,13 @@ static json_t *summary_json(const struct annual *a, const struct measures_summar
 static enum err write_summary(struct annual *a, const struct measures_summary *m, struct reason *why)
 {
     json_t *j = summary_json(a, m);
-    char *text = j ? json_dumps(j, JSON_INDENT(2) | JSON_REAL_PRECISION(6)) : NULL;
-    const enum err e =
-        text ? store_text(a, "summary.json", text, strlen(text), why) : err_say(why, ERR_NOMEM, "out of memory");
+    char *dump = j ? json_dumps(j, JSON_INDENT(2) | JSON_REAL_PRECISION(6)) : NULL;
+    struct text t = { .failed = !dump };
 
-    free(text);
+    text_add(&t, "%s", dump ? dump : "");
+    free(dump);
     json_decref(j);
-    return e;
+    return store(a, "summary.json", &t, why);
 }
 
 /* ---- Maps ---- */
@@ -173,12 +169,6 @@ static enum err write_summary(struct annual *a, const struct measures_summary *m
 static const struct paint_scale share_scale = { 0.0, 100.0, false, "%" };
 
 /* The scale of a column of the rows, up to its 98th percentile. */
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return x < y ? -1 : x > y;
-}
-
 static double percentile_of(const struct annual *a, enum ledger_column column)
 {
     double *v = mem_alloc(a->ledger.count + 1, sizeof(*v)), out = 1.0;
@@ -186,7 +176,7 @@ static double percentile_of(const struct annual *a, enum ledger_column column)
     for (size_t i = 0; v && i < a->ledger.count; i++)
         v[i] = a->ledger.rows[i].value[column];
     if (v && a->ledger.count > 0) {
-        qsort(v, a->ledger.count, sizeof(*v), ascending);
+        sort_doubles(v, a->ledger.count);
         out = fmax(1e-3, v[(size_t)(0.98 * (double)(a->ledger.count - 1))]);
     }
     mem_free(v);
@@ -272,24 +262,16 @@ static enum err map_hours(struct annual *a, struct reason *why)
 
 /* ---- The page ---- */
 
-/* Text for HTML. */
-static void print_text(FILE *f, const char *bytes)
+static void print_text(struct text *t, const char *bytes)
 {
     char utf8[LEDGER_PATH];
 
     text_in_utf8(bytes, utf8, sizeof(utf8));
-    for (const char *text = utf8; *text; text++)
-        switch (*text) {
-        case '<': fputs("&lt;", f); break;
-        case '>': fputs("&gt;", f); break;
-        case '&': fputs("&amp;", f); break;
-        case '"': fputs("&quot;", f); break;
-        default: fputc(*text, f);
-        }
+    text_add_escaped(t, utf8);
 }
 
-static void print_row(FILE *f, const char *name, const char *format, ...) PRINTF_LIKE(3, 4);
-static void print_row(FILE *f, const char *name, const char *format, ...)
+static void print_row(struct text *t, const char *name, const char *format, ...) PRINTF_LIKE(3, 4);
+static void print_row(struct text *t, const char *name, const char *format, ...)
 {
     char text[200];
     va_list list;
@@ -297,93 +279,85 @@ static void print_row(FILE *f, const char *name, const char *format, ...)
     va_start(list, format);
     vsnprintf(text, sizeof(text), format, list);
     va_end(list);
-    fprintf(f, "<tr><th>%s</th><td>", name);
-    print_text(f, text);
-    fputs("</td></tr>\n", f);
+    text_add(t, "<tr><th>%s</th><td>", name);
+    print_text(t, text);
+    text_add(t, "</td></tr>\n");
 }
 
-static void print_image(FILE *f, const char *file, const char *words)
+static void print_image(struct text *t, const char *file, const char *words)
 {
-    fprintf(f, "<figure><img src=\"%s\" alt=\"%s\"><figcaption>%s</figcaption></figure>\n", file, words, words);
+    text_add(t, "<figure><img src=\"%s\" alt=\"%s\"><figcaption>%s</figcaption></figure>\n", file, words, words);
 }
 
-static void print_measures(const struct annual *a, const struct measures_summary *m, FILE *f)
+static void print_measures(const struct annual *a, const struct measures_summary *m, struct text *t)
 {
     const struct measures_desc *d = &a->desc.measures;
 
-    fputs("<table>\n", f);
-    print_row(f, "Scene", "%s", a->set->name);
-    print_row(f, "Weather", "%s: %s", a->weather->file, a->weather->weather.place);
-    print_row(f, "Hours", "%zu with daylight, %zu missing; occupied: %.0f, from %g to %g o'clock", a->ledger.count,
+    text_add(t, "<table>\n");
+    print_row(t, "Scene", "%s", a->set->name);
+    print_row(t, "Weather", "%s: %s", a->weather->file, a->weather->weather.place);
+    print_row(t, "Hours", "%zu with daylight, %zu missing; occupied: %.0f, from %g to %g o'clock", a->ledger.count,
               a->weather->year.missing, a->occupied, d->first_hour, d->last_hour);
     if (a->points.count > 0) {
-        print_row(f, "Spatial daylight autonomy", "sDA %g lx, %g %%: %.1f %% of %zu sensors", d->autonomy_lux,
+        print_row(t, "Spatial daylight autonomy", "sDA %g lx, %g %%: %.1f %% of %zu sensors", d->autonomy_lux,
                   100.0 * d->autonomy_share, 100.0 * m->sda, a->points.count);
-        print_row(f, "Annual sunlight exposure", "ASE %g lx, %g h: %.1f %% of the sensors", d->sun_lux, d->sun_hours,
+        print_row(t, "Annual sunlight exposure", "ASE %g lx, %g h: %.1f %% of the sensors", d->sun_lux, d->sun_hours,
                   100.0 * m->ase);
-        print_row(f, "Useful daylight illuminance",
+        print_row(t, "Useful daylight illuminance",
                   "below 100 lx %.1f %%, 100 to 300 lx %.1f %%, 300 to 3000 lx %.1f %%, above %.1f %% of the time",
                   100.0 * m->udi[0], 100.0 * m->udi[1], 100.0 * m->udi[2], 100.0 * m->udi[3]);
-        print_row(f, "Daylight factor", "mean %.2f %%", 100.0 * mean_factor(a));
+        print_row(t, "Daylight factor", "mean %.2f %%", 100.0 * mean_factor(a));
     }
     if (a->glare)
-        print_row(f, "Glare", "DGP above 0.35 %.1f %%, above 0.40 %.1f %%, above 0.45 %.1f %% of occupied lit hours",
+        print_row(t, "Glare", "DGP above 0.35 %.1f %%, above 0.40 %.1f %%, above 0.45 %.1f %% of occupied lit hours",
                   100.0 * glare_share(a, 0.35), 100.0 * glare_share(a, 0.40), 100.0 * glare_share(a, 0.45));
-    fputs("</table>\n", f);
+    text_add(t, "</table>\n");
 }
 
-static void print_page(const struct annual *a, const struct measures_summary *m, FILE *f)
+static void print_page(const struct annual *a, const struct measures_summary *m, struct text *t)
 {
     char name[64], file[96], words[96];
 
-    fputs("<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>A year of light</title>\n<style>"
-          "body{font:15px/1.5 system-ui,sans-serif;max-width:1320px;margin:2em auto;padding:0 1em;color:#222}"
-          "th{text-align:left;padding-right:2em;font-weight:600;vertical-align:top}figure{display:inline-block;"
-          "margin:0 1.5em 1.5em 0;vertical-align:top}img{max-width:100%}figcaption{color:#555}</style>\n"
-          "<h1>A year of light</h1>\n",
-          f);
-    print_measures(a, m, f);
-    fputs("<h2>Over the year</h2>\n", f);
+    text_add(t, "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>A year of light</title>\n<style>"
+                "body{font:15px/1.5 system-ui,sans-serif;max-width:1320px;margin:2em auto;padding:0 1em;color:#222}"
+                "th{text-align:left;padding-right:2em;font-weight:600;vertical-align:top}figure{display:inline-block;"
+                "margin:0 1.5em 1.5em 0;vertical-align:top}img{max-width:100%%}figcaption{color:#555}</style>\n"
+                "<h1>A year of light</h1>\n");
+    print_measures(a, m, t);
+    text_add(t, "<h2>Over the year</h2>\n");
     if (a->points.count > 0)
-        print_image(f, "year-sensors.png", "Mean illuminance of the sensors: days to the right, hours downwards");
+        print_image(t, "year-sensors.png", "Mean illuminance of the sensors: days to the right, hours downwards");
     if (a->glare)
-        print_image(f, "year-glare.png", "Daylight glare probability of the view");
-    print_image(f, "year-view.png", "Mean luminance of the view");
-    print_image(f, "year-open.png", "Outdoor horizontal illuminance, from the weather file");
+        print_image(t, "year-glare.png", "Daylight glare probability of the view");
+    print_image(t, "year-view.png", "Mean luminance of the view");
+    print_image(t, "year-open.png", "Outdoor horizontal illuminance, from the weather file");
     if (a->points.count > 0)
-        fputs("<h2>Sensors</h2>\n", f);
+        text_add(t, "<h2>Sensors</h2>\n");
     for (int k = 0; k < SENSOR_MEASURES && a->points.count > 0; k++)
-        print_image(f, sensor_maps[k].file, sensor_maps[k].words);
+        print_image(t, sensor_maps[k].file, sensor_maps[k].words);
     if (a->picture_count > 0)
-        fputs("<h2>Chosen hours</h2>\n", f);
+        text_add(t, "<h2>Chosen hours</h2>\n");
     for (int k = 0; k < a->picture_count; k++) {
         const struct annual_picture *p = &a->pictures[k];
         const int minutes = (int)lround(60.0 * p->clock);
         annual_picture_name(p, name, sizeof(name));
         snprintf(words, sizeof(words), "%02d-%02d, %d:%02d", p->month, p->day, minutes / 60, minutes % 60);
         snprintf(file, sizeof(file), "%s.png", name);
-        print_image(f, file, words);
+        print_image(t, file, words);
         snprintf(file, sizeof(file), "%s-falsecolour.png", name);
-        print_image(f, file, "Luminance");
+        print_image(t, file, "Luminance");
     }
-    fputs("<p>Tables: <a href=\"hours.csv\">hours.csv</a>, <a href=\"sensors.csv\">sensors.csv</a>, "
-          "<a href=\"illuminance.csv\">illuminance.csv</a>, <a href=\"summary.json\">summary.json</a></p>\n</html>\n",
-          f);
+    text_add(
+        t, "<p>Tables: <a href=\"hours.csv\">hours.csv</a>, <a href=\"sensors.csv\">sensors.csv</a>, "
+           "<a href=\"illuminance.csv\">illuminance.csv</a>, <a href=\"summary.json\">summary.json</a></p>\n</html>\n");
 }
 
 static enum err write_page(struct annual *a, const struct measures_summary *m, struct reason *why)
 {
-    char *text = NULL;
-    size_t size = 0;
-    FILE *f = open_memstream(&text, &size);
+    struct text t = { .bytes = NULL };
 
-    if (!f)
-        return err_say(why, ERR_NOMEM, "out of memory");
-    print_page(a, m, f);
-    const bool bad = fclose(f) != 0;
-    const enum err e = bad ? err_say(why, ERR_NOMEM, "out of memory") : store_text(a, "index.html", text, size, why);
-    free(text);
-    return e;
+    print_page(a, m, &t);
+    return store(a, "index.html", &t, why);
 }
 
 enum err annual_report(struct annual *a, struct reason *why)

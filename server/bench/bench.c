@@ -4,12 +4,12 @@
 #include "codec/exr_write.h"
 #include "chart/machine.h"
 #include "base/mem.h"
+#include "base/sort.h"
 #include "source/source.h"
 
 #include <math.h>
 #include <omp.h>
 #include <stdarg.h>
-#include <stdlib.h>
 #include <string.h>
 
 #define SAMPLE_SECONDS 4e-3 /* shorter work is called several times in a row */
@@ -46,15 +46,9 @@ static const struct {
 
 #define ROWS (sizeof(rows) / sizeof(rows[0]))
 
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 double bench_median(double *v, int n)
 {
-    qsort(v, (size_t)n, sizeof(*v), ascending);
+    sort_doubles(v, (size_t)n);
     return n % 2 ? v[n / 2] : 0.5 * (v[n / 2 - 1] + v[n / 2]);
 }
 

@@ -63,14 +63,6 @@ struct first_minute {
     struct first_minute_result *out;
 };
 
-static double processor_seconds(void)
-{
-    struct timespec t;
-
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 /* ---- What a process has: made again for each start ---- */
 
 /* The sky's tables, beside the loading of the scene, as relightd's ingest thread makes them. */
@@ -93,7 +85,7 @@ static enum err begin(struct first_minute *m, const char *folder, struct reason 
     pthread_t sky;
 
     m->begun_s = clock_seconds();
-    m->begun_processor_s = processor_seconds();
+    m->begun_processor_s = clock_processor();
     m->pictures = 0;
     m->light.cache_dir = folder;
     if (pthread_create(&sky, NULL, make_sky, m) != 0)
@@ -251,7 +243,7 @@ static enum err make_picture(struct first_minute *m, struct seen *seen)
         return e;
     const bool cached = decision.by == DECIDED_BY_CACHE;
     *seen = (struct seen){ { .wall_s = clock_seconds() - m->begun_s,
-                             .processor_s = processor_seconds() - m->begun_processor_s,
+                             .processor_s = clock_processor() - m->begun_processor_s,
                              .share = stats.cache_share,
                              .error = error_of(m),
                              .stated = stats.error,

@@ -9,7 +9,7 @@
 #include "chart/plot.h"
 #include "base/progress.h"
 #include "source/source.h"
-#include "chart/text.h"
+#include "base/text.h"
 #include "chart/winners.h"
 
 #include <errno.h>

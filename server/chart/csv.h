@@ -2,7 +2,7 @@
 #pragma once
 
 #include "chart/panel.h"
-#include "chart/text.h"
+#include "base/text.h"
 
 /* One row for each technique at each budget. */
 void csv_points(struct text *t, const struct panel *const *panels, size_t count);

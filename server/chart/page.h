@@ -5,7 +5,7 @@
 
 #include "chart/machine.h"
 #include "chart/panel.h"
-#include "chart/text.h"
+#include "base/text.h"
 #include "chart/winners.h"
 
 struct page {

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "chart/panel.h"
-#include "chart/text.h"
+#include "base/text.h"
 
 /* ERR_UNSUPPORTED, with the package's name, where gnuplot cannot be run. */
 MUST_CHECK enum err plot_check(struct reason *why);

@@ -2,20 +2,14 @@
 
 #include "base/mem.h"
 #include "base/rng.h"
+#include "base/sort.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #define LOW 0.1
 #define HIGH 0.9
 #define CONFIDENCE 0.9
-
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
 
 /* Of sorted values. Between a number and infinity there is infinity. */
 static double quantile(const double *sorted, uint32_t n, double share)
@@ -32,7 +26,7 @@ static void sort_values(double *v, uint32_t n)
     for (uint32_t i = 0; i < n; i++)
         if (isnan(v[i]))
             v[i] = INFINITY;
-    qsort(v, n, sizeof(*v), ascending);
+    sort_doubles(v, n);
 }
 
 enum err series_band(const double *values, uint32_t n, struct band *out)

@@ -3,7 +3,7 @@
 
 #include "codec/jpeg.h"
 #include "chart/panel.h"
-#include "chart/text.h"
+#include "base/text.h"
 
 /* Adds `data:image/jpeg;base64,...` of a linear picture under the panel's exposure, or of its errors: relative error
  * from 0.1 % (black) over violet and red to 100 % (pale yellow), grey where nothing is compared. ERR_NOMEM. */

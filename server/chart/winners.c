@@ -1,6 +1,7 @@
 #include "chart/winners.h"
 
 #include "base/mem.h"
+#include "base/sort.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -10,12 +11,6 @@ static const double mark_shares[MARKS] = { 0.25, 0.5, 0.75 };
 struct lines { /* medians of all curves: [curve][budget] */
     double *seconds, *errors;
 };
-
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
 
 static bool is_there(const struct panel *p, size_t c)
 {
@@ -48,7 +43,7 @@ static enum err place_marks(const struct panel *p, const struct lines *l, struct
     for (size_t c = 0; c < p->curve_count; c++)
         for (uint32_t k = 0; k < p->budget_count && competes(p, c); k++)
             times[n++] = l->seconds[c * p->budget_count + k];
-    qsort(times, n, sizeof(*times), ascending);
+    sort_doubles(times, n);
     for (int m = 0; m < MARKS; m++)
         w->seconds[m] = n ? times[(size_t)(mark_shares[m] * (double)(n - 1) + 0.5)] : 0.0;
     mem_free(times);

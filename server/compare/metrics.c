@@ -4,10 +4,10 @@
 #include "compare/lab.h"
 #include "base/mem.h"
 #include "base/vec.h"
+#include "base/sort.h"
 
 #include <assert.h>
 #include <math.h>
-#include <stdlib.h>
 
 #define BANDS 64 /* of pixels; added in order, so that the thread count changes nothing */
 #define KEY 0.18
@@ -82,12 +82,6 @@ static double pixel_error(const float *x, const float *r, double soft)
     return isfinite(sum) ? sum / 3.0 : INFINITY;
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* Mean of the first `kept` of sorted errors. */
 static double mean_of(const double *errors, uint64_t kept)
 {
@@ -120,7 +114,7 @@ bool metrics_compare(const float *x, const float *r, const uint8_t *mask, uint32
         if (error_map)
             error_map[i] = (float)error;
     }
-    qsort(errors, n, sizeof(*errors), ascending);
+    sort_doubles(errors, n);
     *out = (struct metrics){
         .mean_ratio = s.x == s.r ? 1.0 : s.x / s.r,
         .rel_mse = mean_of(errors, n),

@@ -1,13 +1,11 @@
 #include "stream/prometheus.h"
 
 #include "base/log.h"
-#include "base/mem.h"
 #include "base/process.h"
+#include "base/text.h"
 #include "stream/internal.h"
 
 #include <math.h>
-#include <stdarg.h>
-#include <stdio.h>
 #include <string.h>
 
 /* Seconds. The network thread's pieces of work are so short that their bounds are scaled. */
@@ -33,46 +31,22 @@ void server_observe(struct server *s, enum server_timing timing, double seconds)
 
 /* ---- The text ---- */
 
-void metrics_print(struct metrics_text *t, const char *format, ...)
-{
-    va_list args, again;
-
-    va_start(args, format);
-    va_copy(again, args);
-    const size_t left = t->room - t->size;
-    int n = t->failed ? 0 : vsnprintf(t->text ? t->text + t->size : NULL, left, format, args);
-    if (!t->failed && (n < 0 || (size_t)n >= left)) {
-        const size_t room = 2 * t->room + (size_t)(n > 0 ? n : 0) + 16384;
-        char *text = mem_grow(t->text, t->size, room, 1);
-        t->failed = n < 0 || !text;
-        if (text) {
-            t->text = text;
-            t->room = room;
-            n = vsnprintf(text + t->size, room - t->size, format, again);
-        }
-    }
-    if (!t->failed)
-        t->size += (size_t)n;
-    va_end(again);
-    va_end(args);
-}
-
-static void head(struct metrics_text *t, const char *name, const char *help)
+static void head(struct text *t, const char *name, const char *help)
 {
     const size_t length = strcspn(name, "{");
     const bool counts = length > 6 && strncmp(name + length - 6, "_total", 6) == 0;
 
-    metrics_print(t, "# HELP %.*s %s\n# TYPE %.*s %s\n", (int)length, name, help, (int)length, name,
-                  counts ? "counter" : "gauge");
+    text_add(t, "# HELP %.*s %s\n# TYPE %.*s %s\n", (int)length, name, help, (int)length, name,
+             counts ? "counter" : "gauge");
 }
 
-static void histogram_head(struct metrics_text *t, const char *name, const char *help)
+static void histogram_head(struct text *t, const char *name, const char *help)
 {
-    metrics_print(t, "# HELP %s %s\n# TYPE %s histogram\n", name, help, name);
+    text_add(t, "# HELP %s %s\n# TYPE %s histogram\n", name, help, name);
 }
 
 /* One sample per row, from the struct that the table is of. */
-static void print_table(struct metrics_text *t, const struct figure *table, const void *from)
+static void print_table(struct text *t, const struct figure *table, const void *from)
 {
     for (const struct figure *row = table; row->json || row->metric; row++) {
         const void *at = (const char *)from + row->offset;
@@ -81,13 +55,13 @@ static void print_table(struct metrics_text *t, const struct figure *table, cons
         if (row->help)
             head(t, row->metric, row->help);
         if (row->type == FIGURE_U64)
-            metrics_print(t, "%s %llu\n", row->metric, (unsigned long long)*(const uint64_t *)at);
+            text_add(t, "%s %llu\n", row->metric, (unsigned long long)*(const uint64_t *)at);
         else if (row->type == FIGURE_U32)
-            metrics_print(t, "%s %u\n", row->metric, *(const uint32_t *)at);
+            text_add(t, "%s %u\n", row->metric, *(const uint32_t *)at);
         else if (row->type == FIGURE_BOOL)
-            metrics_print(t, "%s %d\n", row->metric, *(const bool *)at);
+            text_add(t, "%s %d\n", row->metric, *(const bool *)at);
         else if (row->type == FIGURE_DOUBLE || *(const double *)at > 0.0)
-            metrics_print(t, "%s %.15g\n", row->metric, isfinite(*(const double *)at) ? *(const double *)at : 0.0);
+            text_add(t, "%s %.15g\n", row->metric, isfinite(*(const double *)at) ? *(const double *)at : 0.0);
     }
 }
 
@@ -98,21 +72,19 @@ static uint64_t load(const atomic_uint_fast64_t *counter)
 
 /* labels: "stage=\"shade\"" or "". Buckets are cumulative and the count is their sum, so that both agree although other
  * threads count meanwhile. */
-static void histogram(struct metrics_text *t, const char *name, const char *labels, const struct histogram *h,
-                      double scale)
+static void histogram(struct text *t, const char *name, const char *labels, const struct histogram *h, double scale)
 {
     const char *comma = labels[0] ? "," : "", *open = labels[0] ? "{" : "", *close = labels[0] ? "}" : "";
     uint64_t sum = 0;
 
     for (int i = 0; i < METRICS_BOUNDS; i++) {
         sum += load(&h->bucket[i]);
-        metrics_print(t, "%s_bucket{%s%sle=\"%g\"} %llu\n", name, labels, comma, scale * bounds[i],
-                      (unsigned long long)sum);
+        text_add(t, "%s_bucket{%s%sle=\"%g\"} %llu\n", name, labels, comma, scale * bounds[i], (unsigned long long)sum);
     }
     sum += load(&h->bucket[METRICS_BOUNDS]);
-    metrics_print(t, "%s_bucket{%s%sle=\"+Inf\"} %llu\n%s_sum%s%s%s %.9g\n%s_count%s%s%s %llu\n", name, labels, comma,
-                  (unsigned long long)sum, name, open, labels, close, 1e-9 * scale * (double)load(&h->sum_ns), name,
-                  open, labels, close, (unsigned long long)sum);
+    text_add(t, "%s_bucket{%s%sle=\"+Inf\"} %llu\n%s_sum%s%s%s %.9g\n%s_count%s%s%s %llu\n", name, labels, comma,
+             (unsigned long long)sum, name, open, labels, close, 1e-9 * scale * (double)load(&h->sum_ns), name, open,
+             labels, close, (unsigned long long)sum);
 }
 
 static const char *const kinds[METRICS_KINDS] = {
@@ -138,14 +110,14 @@ unsigned metrics_kind(unsigned kind)
     return kind < STREAM_TRACKS ? kind : scale == 0 ? PROTOCOL_H264 : STREAM_TRACKS - 1 + scale;
 }
 
-static void by_kind(struct metrics_text *t, const char *name, const char *help, const atomic_uint_fast64_t *value)
+static void by_kind(struct text *t, const char *name, const char *help, const atomic_uint_fast64_t *value)
 {
     head(t, name, help);
     for (int k = PROTOCOL_JPEG; k < METRICS_KINDS; k++)
-        metrics_print(t, "%s{%s} %llu\n", name, kinds[k], (unsigned long long)load(&value[k]));
+        text_add(t, "%s{%s} %llu\n", name, kinds[k], (unsigned long long)load(&value[k]));
 }
 
-static void print_times(struct metrics_text *t, const struct metrics *m)
+static void print_times(struct text *t, const struct metrics *m)
 {
     static const char *const stages[] = { "stage=\"decode\"", "stage=\"queue\"", "stage=\"shade\"" };
     static const char *const parts[] = { "part=\"capture_to_published\"", "part=\"published_to_sent\"",
@@ -321,45 +293,45 @@ static void take_snapshot(struct server *s, struct snapshot *n)
     pthread_mutex_unlock(&s->lock);
 }
 
-static void print_kinds(struct metrics_text *t, const struct server *s, const struct snapshot *n)
+static void print_kinds(struct text *t, const struct server *s, const struct snapshot *n)
 {
     by_kind(t, "relightd_pictures_published_total", "Images encoded and offered to viewers.", s->metrics.published);
     by_kind(t, "relightd_pictures_sent_total", "Images passed whole to the kernel, for any viewer.", s->metrics.sent);
     head(t, "relightd_viewers", "Subscriptions that are not paused, by format.");
     for (int k = PROTOCOL_JPEG; k < METRICS_KINDS; k++)
-        metrics_print(t, "relightd_viewers{%s} %u\n", kinds[k], n->kind[k]);
+        text_add(t, "relightd_viewers{%s} %u\n", kinds[k], n->kind[k]);
     head(t, "relightd_limits_reached_total", "How often a limit for clients was reached.");
     for (int k = 0; k < LIMITS; k++)
-        metrics_print(t, "relightd_limits_reached_total{limit=\"%s\"} %llu\n", limit_name((enum limit)k),
-                      (unsigned long long)s->limits[k].reached);
+        text_add(t, "relightd_limits_reached_total{limit=\"%s\"} %llu\n", limit_name((enum limit)k),
+                 (unsigned long long)s->limits[k].reached);
     head(t, "relightd_protocol_errors_total", "Protocol errors of clients, by the error code of PROTOCOL.md 8.");
     for (int f = FAULT_NONE + 1; f < FAULT_CODES; f++)
-        metrics_print(t, "relightd_protocol_errors_total{code=\"%s\"} %llu\n", fault_name((enum fault_code)f),
-                      (unsigned long long)load(&s->metrics.faults[f]));
+        text_add(t, "relightd_protocol_errors_total{code=\"%s\"} %llu\n", fault_name((enum fault_code)f),
+                 (unsigned long long)load(&s->metrics.faults[f]));
 }
 
-static void print_states(struct metrics_text *t, const struct server *s, const struct server_figures *f)
+static void print_states(struct text *t, const struct server *s, const struct server_figures *f)
 {
     static const char *const states[] = { "waiting", "live", "paused", "ended", "failed" };
 
     head(t, "relightd_build_info", "Always 1; the labels describe the build.");
-    metrics_print(t, "relightd_build_info{version=\"%s\",protocol=\"%s\",minor=\"%d\",h264=\"%d\"} 1\n",
-                  RELIGHT_VERSION, PROTOCOL_NAME, PROTOCOL_MINOR, s->h264);
+    text_add(t, "relightd_build_info{version=\"%s\",protocol=\"%s\",minor=\"%d\",h264=\"%d\"} 1\n", RELIGHT_VERSION,
+             PROTOCOL_NAME, PROTOCOL_MINOR, s->h264);
     if (s->tls) {
         head(t, "relightd_tls_certificate_expires_seconds", "Expiry of the certificate, in seconds since 1970.");
-        metrics_print(t, "relightd_tls_certificate_expires_seconds %lld\n", (long long)tls_expires_s(s->tls));
+        text_add(t, "relightd_tls_certificate_expires_seconds %lld\n", (long long)tls_expires_s(s->tls));
     }
     head(t, "relightd_source_state", "1 for the current state of the source.");
     for (int k = SERVER_WAITING; k <= SERVER_FAILED; k++)
-        metrics_print(t, "relightd_source_state{state=\"%s\"} %d\n", states[k], (int)f->source == k);
+        text_add(t, "relightd_source_state{state=\"%s\"} %d\n", states[k], (int)f->source == k);
     if (f->since_us > 0) {
         head(t, "relightd_source_state_since_seconds", "Start of that state, in seconds since 1970.");
-        metrics_print(t, "relightd_source_state_since_seconds %.15g\n", 1e-6 * (double)f->since_us);
+        text_add(t, "relightd_source_state_since_seconds %.15g\n", 1e-6 * (double)f->since_us);
     }
 }
 
 /* Where live pictures are published. */
-static void print_publish(struct metrics_text *t, const struct server_figures *f)
+static void print_publish(struct text *t, const struct server_figures *f)
 {
     static const struct {
         const char *name, *help;
@@ -379,20 +351,19 @@ static void print_publish(struct metrics_text *t, const struct server_figures *f
     head(t, "relightd_publish_state", "1 for the current state of a target of --publish.");
     for (uint32_t i = 0; i < f->publish_count; i++)
         for (int k = 0; k <= SERVER_PUBLISH_RETRYING; k++)
-            metrics_print(t, "relightd_publish_state{target=\"%u\",to=\"%s\",state=\"%s\"} %d\n", i + 1,
-                          f->publish[i].to, server_publish_state_name((enum server_publish_state)k),
-                          (int)f->publish[i].state == k);
+            text_add(t, "relightd_publish_state{target=\"%u\",to=\"%s\",state=\"%s\"} %d\n", i + 1, f->publish[i].to,
+                     server_publish_state_name((enum server_publish_state)k), (int)f->publish[i].state == k);
     for (size_t c = 0; c < sizeof(counts) / sizeof(counts[0]); c++) {
         head(t, counts[c].name, counts[c].help);
         for (uint32_t i = 0; i < f->publish_count; i++)
-            metrics_print(t, "%s{target=\"%u\",to=\"%s\"} %llu\n", counts[c].name, i + 1, f->publish[i].to,
-                          (unsigned long long)*(const uint64_t *)((const char *)&f->publish[i] + counts[c].offset));
+            text_add(t, "%s{target=\"%u\",to=\"%s\"} %llu\n", counts[c].name, i + 1, f->publish[i].to,
+                     (unsigned long long)*(const uint64_t *)((const char *)&f->publish[i] + counts[c].offset));
     }
 }
 
 char *metrics_text(struct server *s, size_t *size)
 {
-    struct metrics_text t = { 0 };
+    struct text t = { .bytes = NULL };
     struct snapshot n = { 0 };
 
     atomic_fetch_add(&s->metrics.scrapes, 1);
@@ -404,9 +375,9 @@ char *metrics_text(struct server *s, size_t *size)
     print_kinds(&t, s, &n);
     print_times(&t, &s->metrics);
     if (t.failed) {
-        mem_free(t.text);
+        text_finish(&t);
         return NULL;
     }
     *size = t.size;
-    return t.text;
+    return t.bytes;
 }

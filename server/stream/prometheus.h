@@ -40,15 +40,6 @@ struct metrics {
 /* Adds one time. Negative times and NaN count as 0. Any thread. */
 void histogram_add(struct histogram *h, double seconds);
 
-/* A growing text. failed: out of memory, and the text is incomplete. */
-struct metrics_text {
-    char *text;
-    size_t size, room;
-    bool failed;
-};
-/* Appends as printf does; sets failed when memory runs out. Thread: the owner's. */
-void metrics_print(struct metrics_text *t, const char *format, ...) PRINTF_LIKE(2, 3);
-
 struct server;
 
 /* Maps a kind of STREAM_KINDS to one of METRICS_KINDS. */

@@ -1,4 +1,4 @@
-#include "chart/text.h"
+#include "base/text.h"
 
 #include "base/file_store.h"
 #include "base/mem.h"

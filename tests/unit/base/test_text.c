@@ -1,0 +1,60 @@
+#include "base/text.h"
+
+#include "support/unit.h"
+
+static void escapes_leave_no_mark_of_html(void **state)
+{
+    struct text t = { .bytes = NULL };
+    (void)state;
+
+    text_add_escaped(&t, "<a href=\"x\">&'\n");
+    assert_string_equal(t.bytes, "&lt;a href=&quot;x&quot;&gt;&amp;&#39; ");
+    text_finish(&t);
+}
+
+/* The vectors of RFC 4648, section 10. */
+static void base64_is_that_of_the_vectors(void **state)
+{
+    static const char *const want[] = { "", "Zg==", "Zm8=", "Zm9v", "Zm9vYg==", "Zm9vYmE=", "Zm9vYmFy" };
+    (void)state;
+
+    for (size_t n = 0; n <= 6; n++) {
+        struct text t = { .bytes = NULL };
+        text_add_base64(&t, (const uint8_t *)"foobar", n);
+        assert_string_equal(t.bytes ? t.bytes : "", want[n]);
+        text_finish(&t);
+    }
+}
+
+static void fields_are_quoted_where_they_must_be(void **state)
+{
+    struct text t = { .bytes = NULL };
+    (void)state;
+
+    text_add_field(&t, "plain one");
+    text_add(&t, "|");
+    text_add_field(&t, "sky:hour=12,turbidity=3");
+    text_add(&t, "|");
+    text_add_field(&t, "say \"noon\"");
+    assert_string_equal(t.bytes, "plain one|\"sky:hour=12,turbidity=3\"|\"say \"\"noon\"\"\"");
+    text_finish(&t);
+}
+
+static void long_text_grows(void **state)
+{
+    struct text t = { .bytes = NULL };
+    (void)state;
+
+    for (int k = 0; k < 20000; k++)
+        text_add(&t, "%05d,", k);
+    assert_true(t.size == 120000 && !t.failed && memcmp(t.bytes + 6 * 12345, "12345,", 6) == 0);
+    text_finish(&t);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(escapes_leave_no_mark_of_html),
+    cmocka_unit_test(base64_is_that_of_the_vectors),
+    cmocka_unit_test(fields_are_quoted_where_they_must_be),
+    cmocka_unit_test(long_text_grows),
+};
+UNIT_MAIN(tests)
