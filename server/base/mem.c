@@ -28,16 +28,23 @@ void *mem_alloc(size_t count, size_t size)
     return p;
 }
 
-void *mem_alloc_large(size_t count, size_t size)
+void *mem_alloc_large_raw(size_t count, size_t size)
 {
     if ((size != 0 && count > (SIZE_MAX - LARGE_PAGE) / size) || count * size < LARGE_PAGE)
-        return mem_alloc(count, size);
+        return mem_alloc_raw(count, size);
     const size_t bytes = (count * size + LARGE_PAGE - 1) / LARGE_PAGE * LARGE_PAGE;
     void *p = aligned_alloc(LARGE_PAGE, bytes);
-    if (!p)
-        return NULL;
-    (void)madvise(p, bytes, MADV_HUGEPAGE); /* where it fails, the pages are small */
-    memset(p, 0, bytes);
+    if (p)
+        (void)madvise(p, bytes, MADV_HUGEPAGE); /* where it fails, the pages are small */
+    return p;
+}
+
+void *mem_alloc_large(size_t count, size_t size)
+{
+    void *p = mem_alloc_large_raw(count, size);
+
+    if (p)
+        memset(p, 0, count * size);
     return p;
 }
 

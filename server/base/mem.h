@@ -18,6 +18,7 @@ void *mem_alloc_raw(size_t count, size_t size);
 /* As mem_alloc, in the system's large pages where it has them: for blocks of megabytes that every frame reads. A block
  * of 2 MB or more is rounded up to a multiple of that. */
 void *mem_alloc_large(size_t count, size_t size);
+void *mem_alloc_large_raw(size_t count, size_t size); /* uninitialised */
 
 /* As mem_alloc, and moves the first old_count elements of `old` into it; the rest is zero. On NULL the old block is
  * unchanged. old may be NULL. */

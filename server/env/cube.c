@@ -29,19 +29,24 @@ double cube_solid_angle(double u0, double v0, double u1, double v1)
     return corner_integral(u1, v1) - corner_integral(u0, v1) - corner_integral(u1, v0) + corner_integral(u0, v0);
 }
 
+/* First the corner integral at each texel's far corner, which is symmetric in u and v; then from the last texel on,
+ * which needs those before it, the differences, as in cube_solid_angle. */
 void cube_solid_angles(uint32_t n, double *out)
 {
     const double step = 2.0 / n;
 
-    for (uint32_t i = 0; i < n; i++) {
+    for (uint32_t i = 0; i < n; i++)
+        for (uint32_t j = 0; j <= i; j++)
+            out[(size_t)i * n + j] = out[(size_t)j * n + i] =
+                corner_integral(-1.0 + step * (j + 1), -1.0 + step * (i + 1));
+    for (uint32_t i = n; i-- > 0;) {
         const double v0 = -1.0 + step * i, v1 = -1.0 + step * (i + 1);
-        double low = corner_integral(-1.0, v0), high = corner_integral(-1.0, v1);
-        for (uint32_t j = 0; j < n; j++) {
-            const double u1 = -1.0 + step * (j + 1), next_low = corner_integral(u1, v0),
-                         next_high = corner_integral(u1, v1);
-            out[(size_t)i * n + j] = next_high - high - next_low + low; /* as in cube_solid_angle */
-            low = next_low;
-            high = next_high;
+        double *row = out + (size_t)i * n, next_low = i ? row[-1] : corner_integral(-1.0 + step * n, v0);
+        for (uint32_t j = n; j-- > 0;) {
+            const double high = j ? row[j - 1] : corner_integral(-1.0, v1);
+            const double low = i && j ? *(row + j - 1 - n) : corner_integral(-1.0 + step * j, v0);
+            row[j] = row[j] - high - next_low + low;
+            next_low = low;
         }
     }
 }

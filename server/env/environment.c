@@ -44,10 +44,11 @@ struct environment *environment_create(const struct environment_desc *desc)
         return NULL;
     e->n = n;
     e->tables = desc->tables;
-    e->texels = mem_alloc_large(texels, sizeof(*e->texels));
-    e->row_cdf = mem_alloc(texels, sizeof(*e->row_cdf));
+    /* What the first frame writes takes no memory before: a server has environments that it may never need. */
+    e->texels = mem_alloc_large_raw(texels, sizeof(*e->texels));
+    e->row_cdf = mem_alloc_large_raw(texels, sizeof(*e->row_cdf));
     e->face_cdf = mem_alloc((size_t)CUBE_FACES * n, sizeof(*e->face_cdf));
-    e->solid_angle = mem_alloc((size_t)n * n, sizeof(*e->solid_angle));
+    e->solid_angle = mem_alloc_raw((size_t)n * n, sizeof(*e->solid_angle));
     e->rest = mem_alloc(1, sizeof(*e->rest));
     if (e->rest)
         pthread_mutex_init(&e->rest->lock, NULL);

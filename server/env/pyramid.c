@@ -94,18 +94,39 @@ static int place_tap(uint32_t n, uint32_t face, int64_t i, int64_t j, float weig
     return 1;
 }
 
-/* The taps at (u, v) of a face, at most 6 (12 at n = 1), with weights that sum to 1. */
-static int find_taps(uint32_t n, uint32_t face, float u, float v, struct tap out[12])
+/* Between which texels, `first` and the next, a coordinate of -1..1 lies, and how far: texel centres are at
+ * half-integers. */
+struct between {
+    float first, part;
+};
+
+static struct between find_between(uint32_t n, float u)
 {
     const float half = 0.5f * (float)n;
-    /* Texel centres are at half-integers. */
-    const float x = (u + 1.0f) * half - 0.5f, y = (v + 1.0f) * half - 0.5f;
-    const float x0 = floorf(x), y0 = floorf(y), fx = x - x0, fy = y - y0;
-    const float weight[4] = { (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy };
+    const float x = (u + 1.0f) * half - 0.5f, first = floorf(x);
+
+    return (struct between){ first, x - first };
+}
+
+static void bilinear_weights(const struct between *x, const struct between *y, float out[4])
+{
+    const float fx = x->part, fy = y->part;
+
+    out[0] = (1 - fx) * (1 - fy);
+    out[1] = fx * (1 - fy);
+    out[2] = (1 - fx) * fy;
+    out[3] = fx * fy;
+}
+
+/* The taps of a face, at most 6 (12 at n = 1), with weights that sum to 1. */
+static int find_taps(uint32_t n, uint32_t face, const struct between *x, const struct between *y, struct tap out[12])
+{
+    float weight[4];
     int count = 0;
 
+    bilinear_weights(x, y, weight);
     for (int k = 0; k < 4; k++)
-        count += place_tap(n, face, (int64_t)y0 + (k >> 1), (int64_t)x0 + (k & 1), weight[k], out + count);
+        count += place_tap(n, face, (int64_t)y->first + (k >> 1), (int64_t)x->first + (k & 1), weight[k], out + count);
     return count;
 }
 
@@ -116,24 +137,39 @@ static size_t alike(uint32_t n, uint32_t row, uint32_t column)
     return (size_t)(i < j ? i : j) * n + (i < j ? j : i);
 }
 
-/* The solid angle, sr, over which equivalent texels spread their light; a face has a sixth of it. It is integrated in
- * steps x steps places; solid_angle: theirs. */
-static void sum_spread(const struct pyramid_level *l, uint32_t steps, const double *solid_angle, double *spread)
-{
-    const double step = 2.0 / steps;
+/* Gains of a level while they are fitted, by steps x steps places of a face: a sixth of the sphere stands for all. */
+struct fitting {
+    uint32_t steps;
+    double *solid_angle;     /* [steps][steps] */
+    struct between *between; /* [steps] */
+    double *spread, *want;   /* [n][n], of representatives: solid angles over which light spreads, and the right ones */
+};
 
-    for (uint32_t at = 0; at < steps * steps; at++) {
-        const double u = -1.0 + step * (at % steps), v = -1.0 + step * (at / steps);
+/* The solid angle, sr, over which equivalent texels spread their light. Away from borders, taps are four neighbours. */
+static void sum_spread(const struct pyramid_level *l, const struct fitting *f)
+{
+    const uint32_t n = l->n;
+
+    for (uint32_t at = 0; at < f->steps * f->steps; at++) {
+        const struct between *x = &f->between[at % f->steps], *y = &f->between[at / f->steps];
         struct tap taps[12];
-        const int count = find_taps(l->n, 0, (float)(u + 0.5 * step), (float)(v + 0.5 * step), taps);
-        double whole = 0.0;
-        for (int k = 0; k < count; k++)
-            whole += (double)taps[k].weight * (double)l->gain[taps[k].row * l->n + taps[k].column];
-        for (int k = 0; k < count; k++) {
-            const uint32_t in_face = taps[k].row * l->n + taps[k].column;
-            spread[alike(l->n, taps[k].row, taps[k].column)] +=
-                solid_angle[at] * (double)taps[k].weight * (double)l->gain[in_face] / whole;
+        double gained[12], whole = 0.0;
+        int count = 4;
+        if (x->first >= 0.0f && y->first >= 0.0f && x->first + 1.0f < (float)n && y->first + 1.0f < (float)n) {
+            float weight[4];
+            bilinear_weights(x, y, weight);
+            for (uint32_t k = 0; k < 4; k++)
+                taps[k] = (struct tap){ 0, (uint32_t)y->first + (k >> 1), (uint32_t)x->first + (k & 1), weight[k] };
+        } else {
+            count = find_taps(n, 0, x, y, taps);
         }
+        for (int k = 0; k < count; k++) {
+            gained[k] = (double)l->gain[taps[k].row * n + taps[k].column];
+            whole += (double)taps[k].weight * gained[k];
+        }
+        for (int k = 0; k < count; k++)
+            f->spread[alike(n, taps[k].row, taps[k].column)] +=
+                f->solid_angle[at] * (double)taps[k].weight * gained[k] / whole;
     }
 }
 
@@ -143,31 +179,40 @@ static void sum_spread(const struct pyramid_level *l, uint32_t steps, const doub
  * texel contributes its energy to 0.4 %. */
 static bool fit_gains(struct pyramid_level *l)
 {
-    const size_t texels = (size_t)l->n * l->n;
-    const uint32_t steps = l->n > FIT_MIN / FIT_STEPS ? FIT_STEPS * l->n : FIT_MIN;
-    double *spread = mem_alloc(2 * texels, sizeof(*spread)), *want = spread ? spread + texels : NULL;
-    double *solid_angle = mem_alloc((size_t)steps * steps, sizeof(*solid_angle));
+    const uint32_t n = l->n, steps = n > FIT_MIN / FIT_STEPS ? FIT_STEPS * n : FIT_MIN;
+    const size_t texels = (size_t)n * n;
+    const struct fitting f = {
+        .steps = steps,
+        .solid_angle = mem_alloc((size_t)steps * steps, sizeof(*f.solid_angle)),
+        .between = mem_alloc(steps, sizeof(*f.between)),
+        .spread = mem_alloc(texels, sizeof(*f.spread)),
+        .want = mem_alloc(texels, sizeof(*f.want)),
+    };
 
     l->gain = mem_alloc(texels, sizeof(*l->gain));
-    const bool ok = spread && solid_angle && l->gain;
+    const bool ok = f.solid_angle && f.between && f.spread && f.want && l->gain;
     if (!ok)
         goto done;
-    cube_solid_angles(steps, solid_angle);
+    cube_solid_angles(steps, f.solid_angle);
+    for (uint32_t k = 0; k < steps; k++)
+        f.between[k] = find_between(n, (float)(-1.0 + 2.0 / steps * k + 0.5 * (2.0 / steps)));
     for (size_t t = 0; t < texels; t++) {
-        want[alike(l->n, (uint32_t)(t / l->n), (uint32_t)(t % l->n))] += (double)l->solid_angle[t];
+        f.want[alike(n, (uint32_t)(t / n), (uint32_t)(t % n))] += (double)l->solid_angle[t];
         l->gain[t] = 1.0f;
     }
     for (int round = 0; round < FIT_ROUNDS; round++) {
-        memset(spread, 0, texels * sizeof(*spread));
-        sum_spread(l, steps, solid_angle, spread);
+        memset(f.spread, 0, texels * sizeof(*f.spread));
+        sum_spread(l, &f);
         for (size_t t = 0; t < texels; t++) {
-            const size_t as = alike(l->n, (uint32_t)(t / l->n), (uint32_t)(t % l->n));
-            l->gain[t] *= (float)pow(want[as] / spread[as], FIT_PACE);
+            const size_t as = alike(n, (uint32_t)(t / n), (uint32_t)(t % n));
+            l->gain[t] *= (float)pow(f.want[as] / f.spread[as], FIT_PACE);
         }
     }
 done:
-    mem_free(spread);
-    mem_free(solid_angle);
+    mem_free(f.solid_angle);
+    mem_free(f.between);
+    mem_free(f.spread);
+    mem_free(f.want);
     return ok;
 }
 
@@ -181,9 +226,9 @@ struct pyramid *pyramid_create(uint32_t n, const double *solid_angle)
         struct pyramid_level *l = &p->level[p->count++];
         const size_t texels = (size_t)size * size;
         l->n = size;
-        l->solid_angle = mem_alloc(texels, sizeof(*l->solid_angle));
+        l->solid_angle = mem_alloc_raw(texels, sizeof(*l->solid_angle));
         if (size < n)
-            l->texels = l->own = mem_alloc(CUBE_FACES * texels, 4 * sizeof(*l->own));
+            l->texels = l->own = mem_alloc_raw(CUBE_FACES * texels, 4 * sizeof(*l->own));
         if (!l->solid_angle || (size < n && !l->own)) {
             pyramid_destroy(p);
             return NULL;
@@ -222,7 +267,7 @@ struct pyramid *pyramid_create_like(const struct pyramid *of)
         l->solid_angle = copy_of(from->solid_angle, texels);
         l->gain = copy_of(from->gain, texels);
         if (k > 0)
-            l->texels = l->own = mem_alloc(CUBE_FACES * texels, 4 * sizeof(*l->own));
+            l->texels = l->own = mem_alloc_raw(CUBE_FACES * texels, 4 * sizeof(*l->own));
         all = l->solid_angle && (l->gain || !from->gain) && (l->own || k == 0);
     }
     if (all)
@@ -344,7 +389,8 @@ void pyramid_lookup(const struct pyramid *p, uint32_t level, const float w[3], f
     float u, v, sum[3] = { 0.0f, 0.0f, 0.0f }, whole = 0.0f;
     struct tap taps[12];
     const uint32_t face = cube_locate(w, &u, &v);
-    const int count = find_taps(l->n, face, u, v, taps);
+    const struct between x = find_between(l->n, u), y = find_between(l->n, v);
+    const int count = find_taps(l->n, face, &x, &y, taps);
 
     for (int k = 0; k < count; k++) {
         const struct tap *t = &taps[k];

@@ -8,6 +8,7 @@
 #include "env/layout.h"
 #include "env/resample_table.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -35,7 +36,7 @@ uint32_t blocks_end(const struct blocks *b, int k, uint32_t index); /* exclusive
 /* The corners of a block, in texels. */
 void blocks_bounds(const struct blocks *b, uint32_t column, uint32_t row, double low[2], double high[2]);
 
-/* An overlap, and a growing list of them. */
+/* An overlap, and a growing list of them, whose items are not zeroed. */
 struct overlap {
     uint32_t texel; /* of the cube map */
     uint32_t block;
@@ -66,13 +67,28 @@ struct row_edges {
 
 #define RESAMPLE_LATLONG_PARTS 5
 
+/* Whether a quarter turn about y maps a lat-long source and a cube map of n x n texels per face onto themselves. Then
+ * the first side face and the first quarter of the polar faces, rows and columns below n / 2, stand for all others. */
+bool resample_is_fourfold(const struct blocks *b, uint32_t n);
+
 /* Lat-long, in closed form: adds the overlaps of one of RESAMPLE_LATLONG_PARTS * n parts of the cube map: slices of the
- * four side faces, then rows of both polar faces. */
+ * four side faces, then rows of both polar faces. With fourfold symmetry, only of the texels that stand for others. */
 void resample_latlong_part(const struct blocks *b, const struct cube_side *c, const struct row_edges *edges,
                            uint32_t part, struct overlaps *out);
 
 /* Other layouts: adds the overlaps of row `row` of the blocks, clipped as polygons against the cube map's grid. */
 void resample_polygon_row(const struct blocks *b, const struct cube_side *c, uint32_t row, struct overlaps *out);
+
+/* All overlaps, sorted by cube texel and then by block: those of texel t are items[first[t]] to [first[t + 1]]. */
+struct resample_sorted {
+    uint32_t *first; /* [6 n n + 1] */
+    struct overlap *items;
+};
+
+/* Fills *s from all lists, which it frees on the way, and adds what symmetry has left out. The caller frees both
+ * arrays, also after an error: a list's own, or ERR_NOMEM. */
+MUST_CHECK enum err resample_gather(const struct blocks *b, uint32_t n, struct overlaps *lists, uint32_t count,
+                                    struct resample_sorted *s);
 
 /* Computes the table of a key, unshared. The caller owns *out. ERR_UNSUPPORTED, ERR_NOMEM. */
 MUST_CHECK enum err resample_table_create(const struct resample_key *key, struct resample_table **out);

@@ -315,50 +315,18 @@ static enum err add_side_slice(const struct blocks *b, const struct cube_side *c
     return e;
 }
 
-#define QUARTERS 4
-
 /* Whether a quarter turn about y maps the source and the cube map onto themselves. */
-static bool is_fourfold(const struct blocks *b, const struct cube_side *c)
+bool resample_is_fourfold(const struct blocks *b, uint32_t n)
 {
-    return b->columns % QUARTERS == 0 && b->columns * b->factor == b->width && c->n % 2 == 0;
+    const bool latlong = b->layout == LAYOUT_LATLONG || b->layout == LAYOUT_LATLONG_BOTTOM_FIRST;
+
+    return latlong && b->columns % 4 == 0 && b->columns * b->factor == b->width && n % 2 == 0;
 }
 
-/* The cube map texel that a quarter turn, by which azimuths increase, moves this one to. */
-static uint32_t turned_texel(uint32_t n, uint32_t texel)
-{
-    const uint32_t face = texel / (n * n), i = texel / n % n, j = texel % n;
-    double w[3];
-    float u, v;
-
-    cube_direction(face, (2.0 * j + 1.0) / n - 1.0, (2.0 * i + 1.0) / n - 1.0, w);
-    return cube_texel(n, (const float[]){ (float)w[2], (float)w[1], -(float)w[0] }, &u, &v);
-}
-
-/* Adds what the overlaps in the list become by one, two and three quarter turns. */
-static enum err add_turned(const struct blocks *b, uint32_t n, struct overlaps *out)
-{
-    const uint32_t quarter = b->columns / QUARTERS;
-    uint32_t turned[QUARTERS] = { UINT32_MAX };
-    enum err e = ERR_OK;
-
-    for (size_t k = 0, count = out->count; k < count; k++) {
-        const struct overlap o = out->items[k];
-        const uint32_t row = o.block / b->columns, column = o.block % b->columns;
-        for (uint32_t q = 1; q < QUARTERS && turned[0] != o.texel; q++)
-            turned[q] = turned_texel(n, q > 1 ? turned[q - 1] : o.texel);
-        turned[0] = o.texel;
-        for (uint32_t q = 1; q < QUARTERS && !e; q++) /* columns are counted against azimuths */
-            e = overlaps_add(out, turned[q], row * b->columns + (column + (QUARTERS - q) * quarter) % b->columns,
-                             o.solid_angle);
-    }
-    return e;
-}
-
-/* With fourfold symmetry, the first side face and a quarter of the polar faces give all the others. */
 void resample_latlong_part(const struct blocks *b, const struct cube_side *c, const struct row_edges *edges,
                            uint32_t part, struct overlaps *out)
 {
-    const bool fourfold = is_fourfold(b, c);
+    const bool fourfold = resample_is_fourfold(b, c->n);
     const uint32_t n = c->n, sides = (RESAMPLE_LATLONG_PARTS - 1) * n, row = part - sides;
 
     out->e = ERR_OK;
@@ -366,6 +334,4 @@ void resample_latlong_part(const struct blocks *b, const struct cube_side *c, co
         return;
     out->e = part < sides ? add_side_slice(b, c, edges, part, out)
                           : add_polar_row(b, c, edges, row, fourfold ? n / 2 : n, out);
-    if (!out->e && fourfold)
-        out->e = add_turned(b, n, out);
 }

@@ -18,14 +18,6 @@
 #define FIT_TOLERANCE 8e-6
 #define FIT_HASTE 1.7 /* over-relaxation: halves the number of iterations */
 
-enum err overlaps_add(struct overlaps *o, uint32_t texel, uint32_t block, double solid_angle)
-{
-    if (!mem_reserve(&o->items, o->count, &o->capacity, sizeof(*o->items)))
-        return ERR_NOMEM;
-    o->items[o->count++] = (struct overlap){ texel, block, solid_angle };
-    return ERR_OK;
-}
-
 static uint32_t choose_factor(enum layout layout, uint32_t width, uint32_t height, uint32_t n)
 {
     const size_t useful = (size_t)BLOCKS_PER_TEXEL * CUBE_FACES * n * n;
@@ -76,83 +68,22 @@ static enum err find_overlaps(const struct blocks *b, const struct cube_side *si
     return e;
 }
 
-/* All overlaps, sorted by cube texel and then by block: those of texel t are items[first[t]] to [first[t + 1]]. */
-struct sorted {
-    uint32_t *first; /* [6 n n + 2] */
-    struct overlap *items;
-};
-
-static int by_block(const void *a, const void *b)
-{
-    const struct overlap *x = a, *y = b;
-    return (x->block > y->block) - (x->block < y->block);
-}
-
-#define SORT_FEW 32 /* up to here, insertion is faster */
-
-/* Stable, as sums depend on the order of equal blocks. */
-static void sort_by_block(struct overlap *items, size_t count)
-{
-    if (count > SORT_FEW) {
-        qsort(items, count, sizeof(*items), by_block);
-        return;
-    }
-    for (size_t i = 1; i < count; i++) {
-        const struct overlap item = items[i];
-        size_t k = i;
-        for (; k > 0 && items[k - 1].block > item.block; k--)
-            items[k] = items[k - 1];
-        items[k] = item;
-    }
-}
-
-/* Frees the lists on the way. */
-static enum err gather(const struct resample_table *t, struct overlaps *lists, uint32_t count, struct sorted *s)
-{
-    const size_t texels = (size_t)CUBE_FACES * t->key.n * t->key.n;
-    size_t total = 0;
-
-    for (uint32_t i = 0; i < count; i++) {
-        if (lists[i].e)
-            return lists[i].e;
-        total += lists[i].count;
-    }
-    assert(total < UINT32_MAX);
-    s->first = mem_alloc(texels + 2, sizeof(*s->first));
-    s->items = mem_alloc(total, sizeof(*s->items));
-    if (!s->first || !s->items)
-        return ERR_NOMEM;
-    for (uint32_t i = 0; i < count; i++) /* first[t + 2]: the count of t; then first[t + 1]: where its next item goes */
-        for (size_t k = 0; k < lists[i].count; k++)
-            s->first[lists[i].items[k].texel + 2]++;
-    for (size_t k = 2; k < texels + 2; k++)
-        s->first[k] += s->first[k - 1];
-    for (uint32_t i = 0; i < count; i++) {
-        for (size_t k = 0; k < lists[i].count; k++)
-            s->items[s->first[lists[i].items[k].texel + 1]++] = lists[i].items[k];
-        mem_free(lists[i].items);
-        lists[i].items = NULL;
-    }
-#pragma omp parallel for schedule(dynamic, 1024)
-    for (size_t k = 0; k < texels; k++)
-        sort_by_block(s->items + s->first[k], s->first[k + 1] - s->first[k]);
-    return ERR_OK;
-}
-
-/* The covered solid angle of each cube map texel: the row sums of the matrix. */
+/* The covered solid angle of each cube map texel: the row sums of the matrix. A layout that covers all faces alike and
+ * completely has those of one face. */
 static double *shown_of_texels(const struct resample_table *r)
 {
-    const uint32_t n = r->key.n;
+    const uint32_t n = r->key.n, faces = layout_is_disc(r->key.layout) ? CUBE_FACES : 1;
     const size_t face_texels = (size_t)n * n;
     const double step = 2.0 / n;
-    double *shown = mem_alloc(CUBE_FACES * face_texels, sizeof(*shown));
+    double *shown = mem_alloc_raw(faces * face_texels, sizeof(*shown));
 
-    for (uint32_t face = 0; shown && face < CUBE_FACES; face++) {
-        if (face > 0 && r->key.layout != LAYOUT_FISHEYE) { /* covers all faces alike */
+    if (!shown)
+        return NULL;
+    cube_solid_angles(n, shown);
+    for (uint32_t face = 0; face < faces; face++) {
+        if (face > 0 && r->key.layout != LAYOUT_FISHEYE)
             memcpy(shown + face * face_texels, shown, face_texels * sizeof(*shown));
-            continue;
-        }
-        for (size_t k = 0; k < face_texels; k++) {
+        for (size_t k = 0; k < face_texels && r->key.layout == LAYOUT_FISHEYE; k++) {
             const double u = -1.0 + step * (double)(k % n), v = -1.0 + step * (double)(k / n);
             shown[face * face_texels + k] = layout_shown_of_face(r->key.layout, face, u, v, u + step, v + step);
         }
@@ -179,7 +110,8 @@ static double *shown_of_blocks(const struct blocks *b)
 
 /* The texels of a ball and a fisheye have curved borders, so their overlaps are slightly off. Rows and columns are
  * scaled alternately until both have their exact sums (iterative proportional fitting). */
-static enum err fit(const struct resample_table *r, struct sorted *s, const double *row_sum, const double *column_sum)
+static enum err fit(const struct resample_table *r, struct resample_sorted *s, const double *row_sum,
+                    const double *column_sum)
 {
     const size_t texels = (size_t)CUBE_FACES * r->key.n * r->key.n, blocks = (size_t)r->columns * r->rows;
     double *sum = mem_alloc(blocks, sizeof(*sum));
@@ -212,7 +144,7 @@ static enum err fit(const struct resample_table *r, struct sorted *s, const doub
 
 /* Converts solid angles to weights that sum to 1, so that a constant stays constant to the last bit of float. Returns
  * the uncovered share of the texel, which the mean fills. */
-static double weigh(const struct resample_table *t, struct sorted *s, size_t texel, const double *row_sum)
+static double weigh(const struct resample_table *t, struct resample_sorted *s, size_t texel, const double *row_sum)
 {
     const uint32_t n = t->key.n;
     const double step = 2.0 / n;
@@ -229,19 +161,6 @@ static double weigh(const struct resample_table *t, struct sorted *s, size_t tex
     return seen;
 }
 
-/* A texel of a tile and its number of terms. */
-struct place {
-    uint32_t terms;
-    uint8_t texel;
-};
-
-static int by_terms(const void *a, const void *b)
-{
-    const struct place *x = a, *y = b;
-    return x->terms != y->terms ? (x->terms < y->terms) - (x->terms > y->terms)
-                                : (x->texel > y->texel) - (x->texel < y->texel);
-}
-
 /* Texel `in_tile` of a tile in `sorted`; false beyond the edge of the face. */
 static bool find_texel(const struct resample_table *t, uint32_t tile, uint32_t in_tile, size_t *texel)
 {
@@ -252,39 +171,63 @@ static bool find_texel(const struct resample_table *t, uint32_t tile, uint32_t i
     return row < n && column < n;
 }
 
+/* The texels of a tile by their numbers of terms, most first; those with equal numbers in their own order. */
+static void sort_by_terms(const uint32_t terms[TILE * TILE], uint8_t order[TILE * TILE])
+{
+    uint8_t place[RESAMPLE_MANY + 2] = { 0 }; /* of the next texel with as many terms; the last: with more than that */
+    uint32_t start = 0;
+
+    for (uint32_t k = 0; k < TILE * TILE; k++)
+        place[terms[k] > RESAMPLE_MANY ? RESAMPLE_MANY + 1 : terms[k]]++;
+    for (uint32_t c = RESAMPLE_MANY + 2; c-- > 0;) {
+        const uint8_t count = place[c];
+        place[c] = (uint8_t)start;
+        start += count;
+    }
+    const uint32_t many = place[RESAMPLE_MANY];
+    for (uint32_t k = 0; k < TILE * TILE; k++)
+        order[place[terms[k] > RESAMPLE_MANY ? RESAMPLE_MANY + 1 : terms[k]]++] = (uint8_t)k;
+    for (uint32_t i = 1; i < many; i++) { /* few tiles have any of these */
+        const uint8_t texel = order[i];
+        uint32_t k = i;
+        for (; k > 0 && terms[order[k - 1]] < terms[texel]; k--)
+            order[k] = order[k - 1];
+        order[k] = texel;
+    }
+}
+
 /* Assigns texels to octets, and sets each octet's steps (temporarily in `first`) and the base of its block numbers.
  * Returns the largest distance from the base. */
-static uint32_t lay_out_tile(const struct resample_table *t, const struct sorted *s, uint32_t tile)
+static uint32_t lay_out_tile(const struct resample_table *t, const struct resample_sorted *s, uint32_t tile)
 {
     struct octet *octets = t->octets + (size_t)OCTETS * tile;
-    struct place places[TILE * TILE];
-    uint32_t low = UINT32_MAX, highest = 0, many = 0, end = 0;
+    uint32_t terms[TILE * TILE], low = UINT32_MAX, highest = 0, many = 0, end = 0;
+    uint8_t order[TILE * TILE];
 
     for (uint32_t k = 0; k < TILE * TILE; k++) {
         size_t texel;
-        places[k] = (struct place){ 0, (uint8_t)k };
+        terms[k] = 0;
         if (!find_texel(t, tile, k, &texel) || s->first[texel] == s->first[texel + 1])
             continue;
         const uint32_t first = s->items[s->first[texel]].block, last = s->items[s->first[texel + 1] - 1].block;
-        places[k].terms = s->first[texel + 1] - s->first[texel];
+        terms[k] = s->first[texel + 1] - s->first[texel];
         low = first < low ? first : low;
         highest = last > highest ? last : highest;
     }
     end = highest == t->columns * t->rows - 1;
-    qsort(places, TILE * TILE, sizeof(places[0]), by_terms);
+    sort_by_terms(terms, order);
     for (uint32_t k = 0; k < OCTETS; k++) {
-        many = places[8 * k].terms > RESAMPLE_MANY;
-        octets[k].first = places[8 * k].terms;
+        octets[k].first = terms[order[8 * k]];
+        many = octets[k].first > RESAMPLE_MANY;
         octets[k].base = low & INT32_MAX;
         octets[k].careful = (many || end) & 1;
-        for (uint32_t l = 0; l < 8; l++)
-            octets[k].texel[l] = places[8 * k + l].texel;
+        memcpy(octets[k].texel, order + 8 * k, sizeof(octets[k].texel));
     }
     return highest > low ? highest - low : 0;
 }
 
 /* Writes a texel's terms to its lane; padding repeats the last block with weight 0. */
-static void fill_lane(struct resample_table *t, const struct sorted *s, size_t texel, const struct octet *e,
+static void fill_lane(struct resample_table *t, const struct resample_sorted *s, size_t texel, const struct octet *e,
                       uint32_t lane)
 {
     const uint32_t terms = texel == SIZE_MAX ? 0 : s->first[texel + 1] - s->first[texel];
@@ -301,7 +244,7 @@ static void fill_lane(struct resample_table *t, const struct sorted *s, size_t t
     }
 }
 
-static void fill_tile(struct resample_table *t, struct sorted *s, uint32_t tile, const double *row_sum)
+static void fill_tile(struct resample_table *t, struct resample_sorted *s, uint32_t tile, const double *row_sum)
 {
     for (size_t k = 0; k < 8 * OCTETS; k++) {
         const struct octet *e = &t->octets[(size_t)OCTETS * tile + k / 8];
@@ -317,55 +260,65 @@ static void fill_tile(struct resample_table *t, struct sorted *s, uint32_t tile,
     }
 }
 
-/* The cache lines of a tile's blocks, as a bit set starting at the line of its base. Returns their number. Assumes that
- * the source starts at a cache line, as mem_alloc guarantees; otherwise the list is off by one. */
-static uint32_t find_lines(const struct resample_table *t, uint32_t tile, uint64_t lines[LINE_WORDS])
+/* Lists the cache lines of a tile's blocks, ascending and relative to the line of its base. Returns their number.
+ * Assumes that the source starts at a cache line, as mem_alloc guarantees; otherwise the list is off by one. */
+static uint32_t find_lines(const struct resample_table *t, uint32_t tile, uint16_t *out)
 {
     const struct octet *e = &t->octets[(size_t)OCTETS * tile];
     const size_t start = e->base * TEXEL_BYTES / LINE_BYTES;
+    uint64_t lines[LINE_WORDS]; /* a bit set, of which so many words are in use */
+    size_t used = 0;
     uint32_t count = 0;
 
-    memset(lines, 0, LINE_WORDS * sizeof(*lines));
     for (size_t k = 8 * (size_t)e[0].first; k < 8 * (size_t)e[OCTETS].first; k++) {
         const size_t from = (e->base + (size_t)t->near[k]) * TEXEL_BYTES;
-        for (size_t at = from / LINE_BYTES - start; at <= (from + TEXEL_BYTES - 1) / LINE_BYTES - start; at++)
+        for (size_t at = from / LINE_BYTES - start; at <= (from + TEXEL_BYTES - 1) / LINE_BYTES - start; at++) {
+            while (used <= at / 64)
+                lines[used++] = 0;
             lines[at / 64] |= UINT64_C(1) << at % 64;
+        }
     }
-    for (uint32_t k = 0; k < LINE_WORDS; k++)
-        count += (uint32_t)__builtin_popcountll(lines[k]);
+    for (size_t at = 0; at < used; at++)
+        for (uint64_t left = lines[at]; left; left &= left - 1)
+            out[count++] = (uint16_t)(64 * at + (uint32_t)__builtin_ctzll(left));
     return count;
+}
+
+/* A row of tiles, whose lists start where its terms would. Each has at most two lines. */
+static size_t row_lines(const struct resample_table *t, uint32_t row)
+{
+    return (size_t)2 * 8 * t->octets[(size_t)OCTETS * t->across * row].first;
 }
 
 static enum err list_lines(struct resample_table *t)
 {
-    const uint32_t tiles = CUBE_FACES * t->across * t->across;
+    const uint32_t rows = CUBE_FACES * t->across, tiles = rows * t->across;
+    uint16_t *found = mem_alloc_raw(row_lines(t, rows), sizeof(*found));
 
-    t->line_first = mem_alloc((size_t)tiles + 1, sizeof(*t->line_first));
-    if (!t->line_first)
+    t->line_first = mem_alloc_raw((size_t)tiles + 1, sizeof(*t->line_first));
+    if (!found || !t->line_first) {
+        mem_free(found);
         return ERR_NOMEM;
+    }
+    t->line_first[0] = 0;
 #pragma omp parallel for schedule(static)
-    for (uint32_t k = 0; k < tiles; k++) {
-        uint64_t lines[LINE_WORDS];
-        t->line_first[k + 1] = find_lines(t, k, lines);
+    for (uint32_t row = 0; row < rows; row++) {
+        uint16_t *out = found + row_lines(t, row);
+        for (uint32_t k = row * t->across; k < (row + 1) * t->across; k++)
+            out += t->line_first[k + 1] = find_lines(t, k, out);
     }
     for (uint32_t k = 0; k < tiles; k++)
         t->line_first[k + 1] += t->line_first[k];
-    t->line = mem_alloc(t->line_first[tiles], sizeof(*t->line));
-    if (!t->line)
-        return ERR_NOMEM;
-#pragma omp parallel for schedule(static)
-    for (uint32_t k = 0; k < tiles; k++) {
-        uint64_t lines[LINE_WORDS];
-        uint16_t *to = t->line + t->line_first[k];
-        find_lines(t, k, lines);
-        for (uint32_t at = 0; at < LINE_WORDS; at++)
-            for (uint64_t left = lines[at]; left; left &= left - 1)
-                *to++ = (uint16_t)(64 * at + (uint32_t)__builtin_ctzll(left));
+    t->line = mem_alloc_raw(t->line_first[tiles], sizeof(*t->line));
+    for (uint32_t row = 0; t->line && row < rows; row++) {
+        const uint32_t from = t->line_first[row * t->across], to = t->line_first[(row + 1) * t->across];
+        memcpy(t->line + from, found + row_lines(t, row), (to - from) * sizeof(*t->line));
     }
-    return ERR_OK;
+    mem_free(found);
+    return t->line ? ERR_OK : ERR_NOMEM;
 }
 
-static enum err pack(struct resample_table *t, struct sorted *s, const double *row_sum)
+static enum err pack(struct resample_table *t, struct resample_sorted *s, const double *row_sum)
 {
     const uint32_t tiles = CUBE_FACES * t->across * t->across;
     const bool whole = layout_shown(t->key.layout) >= 4.0 * PI;
@@ -386,11 +339,11 @@ static enum err pack(struct resample_table *t, struct sorted *s, const double *r
         t->octets[k].first = steps;
         steps += own;
     }
-    t->weight = mem_alloc(steps, 8 * sizeof(*t->weight));
+    t->weight = mem_alloc_large_raw(steps, 8 * sizeof(*t->weight));
     if (farthest <= UINT16_MAX)
-        t->near = mem_alloc(steps, 8 * sizeof(*t->near));
+        t->near = mem_alloc_large_raw(steps, 8 * sizeof(*t->near));
     else
-        t->far = mem_alloc(steps, 8 * sizeof(*t->far));
+        t->far = mem_alloc_large_raw(steps, 8 * sizeof(*t->far));
     if (!t->weight || (!t->near && !t->far))
         return ERR_NOMEM;
 #pragma omp parallel for schedule(static)
@@ -404,15 +357,16 @@ static enum err make_table(struct resample_table *t, const struct blocks *b, str
     const uint32_t n = t->key.n;
     const size_t blocks = (size_t)t->columns * t->rows;
     double *row_sum = shown_of_texels(t), *column_sum = NULL;
-    struct sorted s = { 0 };
+    struct resample_sorted s = { 0 };
     enum err e = row_sum ? ERR_OK : ERR_NOMEM;
 
     if (!e) { /* every layout covers face +Y completely, so its solid angles serve for all faces */
-        const struct cube_side side = { n, t->key.rotation, row_sum + 2 * (size_t)n * n };
+        const size_t up = layout_is_disc(t->key.layout) ? 2 : 0;
+        const struct cube_side side = { n, t->key.rotation, row_sum + up * n * n };
         e = find_overlaps(b, &side, lists, count);
     }
     if (!e)
-        e = gather(t, lists, count, &s);
+        e = resample_gather(b, n, lists, count, &s);
     if (!e && layout_is_disc(t->key.layout)) {
         column_sum = shown_of_blocks(b);
         e = column_sum ? fit(t, &s, row_sum, column_sum) : ERR_NOMEM;
