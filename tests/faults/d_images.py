@@ -216,7 +216,8 @@ async def D65_frames_faster_than_they_are_decoded(stage):
     """As many as credit allows; the newest wins, and memory stays at a few frames."""
     producer = stage.producer
     payload = struct.pack("<f", 0.25) * (1024 * 512 * 3)
-    producer.pause_s, before, peak = 0.0, stage.server.memory_kib(), 0
+    pause_s, producer.pause_s = producer.pause_s, 0.0
+    before, peak = stage.server.memory_kib(), 0
     producer.held = True
     try:
         sent = []
@@ -227,7 +228,7 @@ async def D65_frames_faster_than_they_are_decoded(stage):
                 await asyncio.sleep(0.001)
             peak = max(peak, stage.server.memory_kib() - before)
     finally:
-        producer.pause_s, producer.held = 0.03, False
+        producer.pause_s, producer.held = pause_s, False
     await fate(stage, exr(), ("used",))
     got = [producer.fates[n]["fate"] for n in sent if n in producer.fates]
     check(len(got) == len(sent), f"{len(sent) - len(got)} frames have no fate")

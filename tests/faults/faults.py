@@ -33,6 +33,8 @@ WAIT_S = 30  # maximum wait for a required event; machines may be slow, sanitize
 SANITIZED = "RELIGHT_SANITIZED" in os.environ
 KEPT = 16 if SANITIZED else 1  # factor on allowed memory: sanitizers keep freed memory
 SLOW = float(os.environ.get("RELIGHT_SLOWER", "1"))  # factor on allowed seconds
+# Pictures a second: on each commit as many as show that they go on, since each takes processor time from other tests.
+RATE = 30 if SANITIZED or "RELIGHT_LONG" in os.environ or "--all" in sys.argv else 10
 
 TEXT, BINARY, CLOSE, PING, PONG, MORE = 1, 2, 8, 9, 10, 0
 
@@ -55,7 +57,7 @@ class Relightd:
 
     def __init__(self, *arguments, before=(), env=None, source="push:"):
         self.arguments = [*before, str(BIN / "relightd"), "--port", "0", "--size", "64x36", "--samples", "4", "--paths", "direct",
-                          "--source", source, *arguments]
+                          "--edge-rays", "1", "--fps", str(RATE), "--source", source, *arguments]
         self.env = {**os.environ, "OMP_WAIT_POLICY": "passive", **(env or {})}
         self.lines = []
 
@@ -408,9 +410,9 @@ class Viewer(Honest):
 
 
 class Producer(Honest):
-    """Sends small frames of raw floats, one every 30 ms while there is credit."""
+    """Sends small frames of raw floats, RATE a second while there is credit."""
 
-    def __init__(self, server, token=None, pause_s=0.03):
+    def __init__(self, server, token=None, pause_s=0.9 / RATE):
         self.server = server
         self.token = {"token": token} if token else {}
         self.pause_s = pause_s
