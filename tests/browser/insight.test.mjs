@@ -24,166 +24,206 @@ async function withPage(args, body, options) {
   }
 }
 
+// A group of tests on one page, in this order: opening a page costs as much processor time as three seconds of images.
+const onOnePage = (title, args, tests) => test(title, (t) => withPage(args, async (page) => {
+  await listen(page);
+  for (const [name, body] of Object.entries(tests)) await t.test(name, () => body(page));
+}));
+
 const say = (page, message) => page.evaluate((m) => window.relight.app.send({ op: 'control', request: 1, ...m }), message);
 
-// All headers and statuses from here on, in order of arrival.
+// All headers and statuses from here on, in order of arrival; and when the images came, by both clocks.
 const listen = (page) => page.evaluate(() => {
-  window.heard = { headers: [], statuses: [] };
-  window.relight.app.on('picture', ({ header }) => window.heard.headers.push(header));
+  window.heard = { headers: [], statuses: [], times: [] };
+  window.relight.app.on('picture', ({ header, clock, nowMs }) => {
+    window.heard.headers.push(header);
+    window.heard.times.push({ header, nowUs: nowMs * 1000 + clock.offsetUs, t: performance.now() });
+  });
   window.relight.app.on('status', (s) => window.heard.statuses.push(s));
 });
 
 // One thread, and an error that takes less than a frame's time: otherwise auto fills it.
 const AUTO = ['--source', 'sky:size=128x64,time=10:00,speed=20', '--fps', '8', '--threads', '1', '--method', 'auto', '--error', '2e-2', '--paths', 'direct'];
 
-test('each point is a drawn image, with its header’s time and its status’s error', () => withPage(AUTO, async (page) => {
-  await listen(page);
-  await page.waitForFunction(() => window.heard.statuses.length >= 8, null, { timeout: 30000 });
-  const { points, heard } = await page.evaluate(() => ({ points: window.relight.insight.insight.points, heard: window.heard }));
-  const held = points.filter((p) => heard.headers.some((h) => h.sequence === p.sequence) && heard.statuses.some((s) => s.frame === p.frame));
-  assert.ok(held.length >= 3, `${held.length} of ${points.length} points`);
-  for (const p of held) {
-    const h = heard.headers.find(({ sequence }) => sequence === p.sequence);
-    const s = heard.statuses.find(({ frame }) => frame === p.frame);
-    assert.equal(h.frame, p.frame);
-    assert.equal(p.shadedMs, h.shadedUs / 1000);
-    assert.equal(p.wholeMs, (h.queuedUs + h.decodedUs + h.shadedUs + h.encodedUs) / 1000);
-    assert.equal(p.error, s.light.error);
-    assert.equal(p.method, s.method);
-  }
-  assert.ok(held.some((p) => p.error > 0), 'auto estimates its error');
-}));
+onOnePage('the panel under auto', AUTO, {
+  async 'each point is a drawn image, with its header’s time and its status’s error'(page) {
+    await page.waitForFunction(() => window.heard.statuses.length >= 6, null, { timeout: 30000 });
+    const { points, heard } = await page.evaluate(() => ({ points: window.relight.insight.insight.points, heard: window.heard }));
+    const held = points.filter((p) => heard.headers.some((h) => h.sequence === p.sequence) && heard.statuses.some((s) => s.frame === p.frame));
+    assert.ok(held.length >= 3, `${held.length} of ${points.length} points`);
+    for (const p of held) {
+      const h = heard.headers.find(({ sequence }) => sequence === p.sequence);
+      const s = heard.statuses.find(({ frame }) => frame === p.frame);
+      assert.equal(h.frame, p.frame);
+      assert.equal(p.shadedMs, h.shadedUs / 1000);
+      assert.equal(p.wholeMs, (h.queuedUs + h.decodedUs + h.shadedUs + h.encodedUs) / 1000);
+      assert.equal(p.error, s.light.error);
+      assert.equal(p.method, s.method);
+    }
+    assert.ok(held.some((p) => p.error > 0), 'auto estimates its error');
+  },
 
-// Points are at their axis positions: the method's colour at each point's place on the canvas.
-test('the newest point is at its time and error, within a ring, and also in the texts', () => withPage(AUTO, async (page) => {
-  await page.waitForFunction(() => window.relight.insight.insight.points.filter((p) => p.error > 0).length >= 3, null, { timeout: 30000 });
-  const got = await page.evaluate(async () => {
-    const { scatterPlaces, styleOf } = await import('./insight_draw.js');
-    const { colours } = await import('./dom.js');
-    const { errorText } = await import('./insight_model.js');
-    const panel = window.relight.insight;
-    panel.show();
-    const canvas = panel.scatter;
-    const at = scatterPlaces(panel.insight.points, false, { width: canvas.width, height: canvas.height, unit: devicePixelRatio });
-    const { last } = panel.insight;
-    const spot = document.createElement('canvas').getContext('2d');
-    spot.fillStyle = colours()(styleOf(panel.methods.indexOf(last.method)).colour);
-    spot.fillRect(0, 0, 1, 1);
-    const [x, y] = [at.x(last.shadedMs), at.y(last.error)];
-    const pixel = (dx) => [...canvas.getContext('2d').getImageData(Math.floor(x + dx), Math.floor(y), 1, 1).data.slice(0, 3)];
-    return {
-      last, error: errorText(last.error), pixel: pixel(0), wanted: [...spot.getImageData(0, 0, 1, 1).data.slice(0, 3)],
-      x, y, at: { left: at.left, right: at.right, top: at.top, bottom: at.bottom, xs: at.xs, ys: at.ys },
-      table: Object.fromEntries([...document.querySelectorAll('#insight-table tr')].map((r) => [r.cells[0].textContent, r.cells[1].textContent])),
-      words: document.getElementById('insight-words').textContent, label: canvas.getAttribute('aria-label'),
-      methods: [...document.querySelectorAll('#insight-methods li')].map((li) => li.textContent),
+  // Points are at their axis positions: the method's colour at each point's place on the canvas.
+  async 'the newest point is at its time and error, within a ring, and also in the texts'(page) {
+    await page.waitForFunction(() => window.relight.insight.insight.points.filter((p) => p.error > 0).length >= 3, null, { timeout: 30000 });
+    const got = await page.evaluate(async () => {
+      const { scatterPlaces, styleOf } = await import('./insight_draw.js');
+      const { colours } = await import('./dom.js');
+      const { errorText } = await import('./insight_model.js');
+      const panel = window.relight.insight;
+      panel.show();
+      const canvas = panel.scatter;
+      const at = scatterPlaces(panel.insight.points, false, { width: canvas.width, height: canvas.height, unit: devicePixelRatio });
+      const { last } = panel.insight;
+      const spot = document.createElement('canvas').getContext('2d');
+      spot.fillStyle = colours()(styleOf(panel.methods.indexOf(last.method)).colour);
+      spot.fillRect(0, 0, 1, 1);
+      const [x, y] = [at.x(last.shadedMs), at.y(last.error)];
+      const pixel = (dx) => [...canvas.getContext('2d').getImageData(Math.floor(x + dx), Math.floor(y), 1, 1).data.slice(0, 3)];
+      return {
+        last, error: errorText(last.error), pixel: pixel(0), wanted: [...spot.getImageData(0, 0, 1, 1).data.slice(0, 3)],
+        x, y, at: { left: at.left, right: at.right, top: at.top, bottom: at.bottom, xs: at.xs, ys: at.ys },
+        table: Object.fromEntries([...document.querySelectorAll('#insight-table tr')].map((r) => [r.cells[0].textContent, r.cells[1].textContent])),
+        words: document.getElementById('insight-words').textContent, label: canvas.getAttribute('aria-label'),
+        methods: [...document.querySelectorAll('#insight-methods li')].map((li) => li.textContent),
+      };
+    });
+    got.pixel.forEach((v, c) => assert.ok(Math.abs(v - got.wanted[c]) <= 6, `${got.pixel} for ${got.wanted}`));
+    const { at, last } = got; // the same place, computed independently
+    const across = Math.log10(last.shadedMs / at.xs.least) / Math.log10(at.xs.most / at.xs.least);
+    assert.ok(Math.abs(got.x - (at.left + across * (at.right - at.left))) < 0.5);
+    const up = Math.log10(last.error / at.ys.least) / Math.log10(at.ys.most / at.ys.least);
+    assert.ok(Math.abs(got.y - (at.bottom - up * (at.bottom - at.top))) < 0.5);
+    const near = (text, ms) => { // rounded to milliseconds, from a second on to tenths of a second
+      const unit = /\d s$/.test(text) ? 1000 : 1;
+      assert.ok(Math.abs(Number.parseFloat(text) * unit - ms) <= (unit === 1 ? 0.51 : 51), `${text} for ${ms}`);
     };
-  });
-  got.pixel.forEach((v, c) => assert.ok(Math.abs(v - got.wanted[c]) <= 6, `${got.pixel} for ${got.wanted}`));
-  const { at, last } = got; // the same place, computed independently
-  const across = Math.log10(last.shadedMs / at.xs.least) / Math.log10(at.xs.most / at.xs.least);
-  assert.ok(Math.abs(got.x - (at.left + across * (at.right - at.left))) < 0.5);
-  const up = Math.log10(last.error / at.ys.least) / Math.log10(at.ys.most / at.ys.least);
-  assert.ok(Math.abs(got.y - (at.bottom - up * (at.bottom - at.top))) < 0.5);
-  const near = (text, ms) => { // rounded to milliseconds, from a second on to tenths of a second
-    const unit = /\d s$/.test(text) ? 1000 : 1;
-    assert.ok(Math.abs(Number.parseFloat(text) * unit - ms) <= (unit === 1 ? 0.51 : 51), `${text} for ${ms}`);
-  };
-  near(got.table.Relight, last.shadedMs);
-  near(got.table['Server total'], last.wholeMs);
-  assert.equal(got.table['Error (relMSE)'], got.error);
-  assert.equal(got.table.Method, 'auto');
-  assert.match(got.table['Newest image'], new RegExp(`^frame ${last.frame}\\b`));
-  assert.ok(got.label.includes(got.words) && got.words.includes('with auto'));
-  assert.ok(got.methods.includes('auto'));
-}));
+    near(got.table.Relight, last.shadedMs);
+    near(got.table['Server total'], last.wholeMs);
+    assert.equal(got.table['Error (relMSE)'], got.error);
+    assert.equal(got.table.Method, 'auto');
+    assert.match(got.table['Newest image'], new RegExp(`^frame ${last.frame}\\b`));
+    assert.ok(got.label.includes(got.words) && got.words.includes('with auto'));
+    assert.ok(got.methods.includes('auto'));
+  },
 
-test('a change of method starts a new choice, with the server’s text of what was left out', () => withPage(AUTO, async (page) => {
-  await page.waitForFunction(() => window.relight.insight.insight.points.length > 0, null, { timeout: 30000 });
-  await say(page, { method: 'mis', samples: 4 });
-  await page.waitForFunction(() => window.relight.insight.insight.last.method === 'mis', null, { timeout: 30000 });
-  await page.evaluate(() => window.relight.insight.show());
-  const { choices, light, methods } = await page.evaluate(() => ({
-    choices: [...document.querySelectorAll('#insight-choices li')].map((li) => li.textContent), light: window.relight.status.light,
-    methods: [...document.querySelectorAll('#insight-methods li')].map((li) => li.textContent),
-  }));
-  assert.match(choices[0], /^\d+, \d+ s ago: mis: direct light/);
-  assert.ok(choices[0].includes(`Left out: ${light.left_out}`), `${choices[0]} for ${light.left_out}`);
-  assert.deepEqual([...methods].sort(), ['auto', 'mis']);
-  // Four samples at this size state an error, an upper bound, or neither: the words of the newest image say which.
-  await page.waitForFunction(() => {
-    const { error, atMost } = window.relight.insight.insight.last;
-    const words = document.querySelector('#insight-words').textContent;
-    return words.includes('with mis') && words.includes(error ? 'noise about' : atMost ? 'noise at most' : 'its error is not known');
-  }, null, { timeout: 30000 });
-}));
+  async 'the choice names the technique of direct light with its samples, and no omission twice'(page) {
+    await page.waitForFunction(() => window.relight.insight.insight.points.length >= 4, null, { timeout: 30000 });
+    const { paths, leftOut } = await page.evaluate(() => window.relight.insight.insight.last);
+    assert.match(paths, /^direct light.*, \d+ samples a point of [a-z]/);
+    const phrases = leftOut.split('; ');
+    assert.ok(phrases.length >= 2, leftOut);
+    assert.equal(new Set(phrases).size, phrases.length, leftOut);
+  },
 
-test('the stages of latency are the means of the headers of a second', () => withPage(AUTO, async (page) => {
-  await page.evaluate(() => {
-    window.heard = [];
-    window.relight.app.on('picture', ({ header, clock, nowMs }) => window.heard.push({ header, nowUs: nowMs * 1000 + clock.offsetUs, t: performance.now() }));
-  });
-  await page.waitForTimeout(4500);
-  const { seconds, heard } = await page.evaluate(() => ({ seconds: window.relight.insight.insight.seconds, heard: window.heard }));
-  const whole = seconds.filter((s) => s.t > heard[0].t && s.t + 1000 < heard.at(-1).t);
-  assert.ok(whole.length >= 2, `${whole.length} whole seconds`);
-  for (const s of whole) {
-    const those = heard.filter(({ t }) => t >= s.t && t < s.t + 999); // the two clocks are read one after the other
-    assert.ok(Math.abs(those.length - s.count) <= 1);
-    if (those.length !== s.count) continue;
-    const mean = (f) => those.reduce((a, h) => a + f(h), 0) / those.length / 1000;
-    const wanted = [
-      mean(({ header: h }) => h.queuedUs + (h.captureUs > 0 ? Math.max(0, h.publishedUs - h.captureUs - h.queuedUs - h.decodedUs - h.shadedUs - h.encodedUs) : 0)),
-      mean(({ header }) => header.decodedUs), mean(({ header }) => header.shadedUs), mean(({ header }) => header.encodedUs),
-      mean(({ header, nowUs }) => Math.max(0, nowUs - header.publishedUs))];
-    s.sums.forEach((sum, i) => assert.ok(Math.abs(sum / s.count - wanted[i]) < 1e-3, `part ${i}: ${sum / s.count} for ${wanted[i]}`));
-  }
-  const drawn = await page.evaluate(() => {
-    const { latency } = window.relight.insight;
-    window.relight.insight.show();
-    const seen = new Set();
-    const { data } = latency.getContext('2d').getImageData(0, 0, latency.width, latency.height);
-    for (let i = 0; i < data.length; i += 4) if (data[i + 3] === 255) seen.add(`${data[i]},${data[i + 1]},${data[i + 2]}`);
-    const spot = document.createElement('canvas').getContext('2d');
-    spot.fillStyle = getComputedStyle(document.documentElement).getPropertyValue('--sun').trim();
-    spot.fillRect(0, 0, 1, 1);
-    return seen.has([...spot.getImageData(0, 0, 1, 1).data.slice(0, 3)].join(','));
-  });
-  assert.ok(drawn, 'relighting has its colour in the drawing');
-}));
+  // The server's values are means in which a new reading weighs a fifth, recomputed here from the headers of the same
+  // images.
+  async 'the server’s stage times are smoothed over its images'(page) {
+    await page.waitForFunction(() => window.heard.headers.length >= 40, null, { timeout: 60000 });
+    const count = await page.evaluate(() => window.heard.statuses.length);
+    await page.waitForFunction((n) => window.heard.statuses.length >= n + 2, count, { timeout: 30000 });
+    const { headers, statuses } = await page.evaluate(() => window.heard);
+    const last = statuses.findLast((s) => headers.some((h) => h.frame === s.frame));
+    const those = headers.slice(0, headers.findIndex((h) => h.frame === last.frame) + 1);
+    const seen = (key) => those.map((h) => h[`${key}Us`] / 1000);
+    // For images that this viewer skipped, only bounds are known: the mean lies between least and most.
+    const whole = last.skipped === statuses[0].skipped;
+    for (const key of ['queued', 'decoded', 'shaded']) {
+      const wanted = seen(key).reduce((old, ms) => (old > 0 ? old + 0.2 * (ms - old) : ms), 0);
+      const told = last.stages_ms[key];
+      const slack = 0.02 * Math.max(...seen(key)) + 0.05; // images before the page connected count 0.8^30
+      assert.ok(told >= Math.min(...seen(key)) - slack && told <= Math.max(...seen(key)) + slack, `${key}: ${told} of ${seen(key)}`);
+      if (whole) assert.ok(Math.abs(told - wanted) <= slack, `${key}: ${told} for ${wanted}`);
+    }
+    const encoded = seen('encoded');
+    assert.ok(last.stages_ms.encoded > 0 && last.stages_ms.encoded <= Math.max(...encoded) + 0.1, `${last.stages_ms.encoded} of ${encoded}`);
+  },
 
-// The server's values are means in which a new reading weighs a fifth, recomputed here from the headers of the same
-// images.
-test('the server’s stage times are smoothed over its images', () => withPage(AUTO, async (page) => {
-  await listen(page);
-  await page.waitForFunction(() => window.heard.headers.length >= 40, null, { timeout: 60000 });
-  const count = await page.evaluate(() => window.heard.statuses.length);
-  await page.waitForFunction((n) => window.heard.statuses.length >= n + 2, count, { timeout: 30000 });
-  const { headers, statuses } = await page.evaluate(() => window.heard);
-  const last = statuses.findLast((s) => headers.some((h) => h.frame === s.frame));
-  const those = headers.slice(0, headers.findIndex((h) => h.frame === last.frame) + 1);
-  const seen = (key) => those.map((h) => h[`${key}Us`] / 1000);
-  // For images that this viewer skipped, only bounds are known: the mean lies between least and most.
-  const whole = last.skipped === statuses[0].skipped;
-  for (const key of ['queued', 'decoded', 'shaded']) {
-    const wanted = seen(key).reduce((old, ms) => (old > 0 ? old + 0.2 * (ms - old) : ms), 0);
-    const told = last.stages_ms[key];
-    const slack = 0.02 * Math.max(...seen(key)) + 0.05; // images before the page connected count 0.8^30
-    assert.ok(told >= Math.min(...seen(key)) - slack && told <= Math.max(...seen(key)) + slack, `${key}: ${told} of ${seen(key)}`);
-    if (whole) assert.ok(Math.abs(told - wanted) <= slack, `${key}: ${told} for ${wanted}`);
-  }
-  const encoded = seen('encoded');
-  assert.ok(last.stages_ms.encoded > 0 && last.stages_ms.encoded <= Math.max(...encoded) + 0.1, `${last.stages_ms.encoded} of ${encoded}`);
-}));
+  async 'the stages of latency are the means of the headers of a second'(page) {
+    await page.waitForFunction(() => window.heard.times.at(-1).t - window.heard.times[0].t > 4500);
+    const { seconds, heard } = await page.evaluate(() => ({ seconds: window.relight.insight.insight.seconds, heard: window.heard.times }));
+    const whole = seconds.filter((s) => s.t > heard[0].t && s.t + 1000 < heard.at(-1).t);
+    assert.ok(whole.length >= 2, `${whole.length} whole seconds`);
+    for (const s of whole) {
+      const those = heard.filter(({ t }) => t >= s.t && t < s.t + 999); // the two clocks are read one after the other
+      assert.ok(Math.abs(those.length - s.count) <= 1);
+      if (those.length !== s.count) continue;
+      const mean = (f) => those.reduce((a, h) => a + f(h), 0) / those.length / 1000;
+      const wanted = [
+        mean(({ header: h }) => h.queuedUs + (h.captureUs > 0 ? Math.max(0, h.publishedUs - h.captureUs - h.queuedUs - h.decodedUs - h.shadedUs - h.encodedUs) : 0)),
+        mean(({ header }) => header.decodedUs), mean(({ header }) => header.shadedUs), mean(({ header }) => header.encodedUs),
+        mean(({ header, nowUs }) => Math.max(0, nowUs - header.publishedUs))];
+      s.sums.forEach((sum, i) => assert.ok(Math.abs(sum / s.count - wanted[i]) < 1e-3, `part ${i}: ${sum / s.count} for ${wanted[i]}`));
+    }
+    const drawn = await page.evaluate(() => {
+      const { latency } = window.relight.insight;
+      window.relight.insight.show();
+      const seen = new Set();
+      const { data } = latency.getContext('2d').getImageData(0, 0, latency.width, latency.height);
+      for (let i = 0; i < data.length; i += 4) if (data[i + 3] === 255) seen.add(`${data[i]},${data[i + 1]},${data[i + 2]}`);
+      const spot = document.createElement('canvas').getContext('2d');
+      spot.fillStyle = getComputedStyle(document.documentElement).getPropertyValue('--sun').trim();
+      spot.fillRect(0, 0, 1, 1);
+      return seen.has([...spot.getImageData(0, 0, 1, 1).data.slice(0, 3)].join(','));
+    });
+    assert.ok(drawn, 'relighting has its colour in the drawing');
+  },
 
-test('the choice names the technique of direct light with its samples, and no omission twice', () => withPage(AUTO, async (page) => {
-  await page.waitForFunction(() => window.relight.insight.insight.points.length >= 4, null, { timeout: 30000 });
-  const { paths, leftOut } = await page.evaluate(() => window.relight.insight.insight.last);
-  assert.match(paths, /^direct light.*, \d+ samples a point of [a-z]/);
-  const phrases = leftOut.split('; ');
-  assert.ok(phrases.length >= 2, leftOut);
-  assert.equal(new Set(phrases).size, phrases.length, leftOut);
-}));
+  async 'a moving sky is requested at most once a second, a folded panel requests nothing'(page) {
+    const count = async (ms) => {
+      await page.evaluate(() => {
+        window.asked = 0;
+        window.relight.app.sendFirst ??= window.relight.app.send;
+        window.relight.app.send = (m) => {
+          window.asked += m.op === 'probe';
+          window.relight.app.sendFirst(m);
+        };
+      });
+      await page.waitForTimeout(ms);
+      return page.evaluate(() => window.asked);
+    };
+    const frame = await page.evaluate(() => window.relight.sky.sky?.frame ?? 0);
+    const open = await count(4000);
+    assert.ok(open >= 2 && open <= 5, `${open} in four seconds`);
+    assert.ok(await page.evaluate(() => window.relight.sky.sky.frame) > frame);
+    await page.click('#sky-panel summary');
+    await page.waitForTimeout(300);
+    assert.equal(await count(2500), 0);
+  },
+
+  async 'a change of method starts a new choice, with the server’s text of what was left out'(page) {
+    await page.waitForFunction(() => window.relight.insight.insight.points.length > 0, null, { timeout: 30000 });
+    await say(page, { method: 'mis', samples: 4 });
+    await page.waitForFunction(() => window.relight.insight.insight.last.method === 'mis', null, { timeout: 30000 });
+    await page.evaluate(() => window.relight.insight.show());
+    const { choices, light, methods } = await page.evaluate(() => ({
+      choices: [...document.querySelectorAll('#insight-choices li')].map((li) => li.textContent), light: window.relight.status.light,
+      methods: [...document.querySelectorAll('#insight-methods li')].map((li) => li.textContent),
+    }));
+    assert.match(choices[0], /^\d+, \d+ s ago: mis: direct light/);
+    assert.ok(choices[0].includes(`Left out: ${light.left_out}`), `${choices[0]} for ${light.left_out}`);
+    assert.deepEqual([...methods].sort(), ['auto', 'mis']);
+    // Four samples at this size state an error, an upper bound, or neither: the words of the newest image say which.
+    await page.waitForFunction(() => {
+      const { error, atMost } = window.relight.insight.insight.last;
+      const words = document.querySelector('#insight-words').textContent;
+      return words.includes('with mis') && words.includes(error ? 'noise about' : atMost ? 'noise at most' : 'its error is not known');
+    }, null, { timeout: 30000 });
+  },
+
+  async 'the statistics include the time before the server had the sky, like latency'(page) {
+    await page.waitForFunction(() => window.heard.headers.length >= 40, null, { timeout: 60000 });
+    await say(page, { paused: true });
+    await page.waitForFunction(() => window.relight.state.name === 'paused', null, { timeout: 30000 });
+    await page.waitForTimeout(1500); // everything under way has arrived, and the statistics are updated
+    const { headers, shown } = await page.evaluate(() => ({
+      headers: window.heard.headers, shown: document.getElementById('ms-queued').textContent,
+    }));
+    const waits = headers.filter((h) => !(h.flags & FLAG_FINER)).slice(-30)
+      .map((h) => latencyParts(h, NaN)[0]).sort((a, b) => a - b);
+    assert.equal(shown, milliseconds((waits[14] + waits[15]) / 2));
+  },
+});
 
 test('for a still sky the error falls with each pass', () =>
   withPage(['--source', 'sky:size=256x128,hour=15', '--frames', '2-2', '--once', '--method', 'auto', '--paths', 'direct'], async (page) => {
@@ -196,20 +236,6 @@ test('for a still sky the error falls with each pass', () =>
     const [[few, before], [many, now]] = [told[0], told.at(-1)];
     assert.ok(now > 0 && now < before, `${before} by ${few} passes, ${now} by ${many}`);
   }));
-
-test('the statistics include the time before the server had the sky, like latency', () => withPage(AUTO, async (page) => {
-  await listen(page);
-  await page.waitForFunction(() => window.heard.headers.length >= 40, null, { timeout: 60000 });
-  await say(page, { paused: true });
-  await page.waitForFunction(() => window.relight.state.name === 'paused', null, { timeout: 30000 });
-  await page.waitForTimeout(1500); // everything under way has arrived, and the statistics are updated
-  const { headers, shown } = await page.evaluate(() => ({
-    headers: window.heard.headers, shown: document.getElementById('ms-queued').textContent,
-  }));
-  const waits = headers.filter((h) => !(h.flags & FLAG_FINER)).slice(-30)
-    .map((h) => latencyParts(h, NaN)[0]).sort((a, b) => a - b);
-  assert.equal(shown, milliseconds((waits[14] + waits[15]) / 2));
-}));
 
 // ---- the sky
 
@@ -230,55 +256,35 @@ const sunPlace = (page) => page.evaluate(async () => {
 });
 const STILL = ['--source', 'sky:size=256x128,hour=15', '--frames', '2-2', '--converge', 'off', '--method', 'mis', '--samples', '4', '--once'];
 
-test('the sky panel shows the frame’s sky and marks its sun, also rotated', () => withPage(STILL, async (page) => {
-  for (const turn of [0, 70, -110]) {
-    await say(page, { rotate_degrees: turn });
-    await page.waitForFunction((t) => window.relight.sky.sky?.turn === t, turn, { timeout: 30000 });
-    const [sun, bright] = [await sunPlace(page), await brightest(page)];
-    const across = Math.abs(((sun.u - bright.u + 1.5) % 1) - 0.5) * Math.sin(Math.PI * sun.v);
-    assert.ok(across < 0.03 && Math.abs(sun.v - bright.v) < 0.03, `turned by ${turn}: ${JSON.stringify([sun, bright])}`);
-    const { frame, status } = await page.evaluate(() => ({ frame: window.relight.sky.sky.frame, status: window.relight.status }));
-    assert.equal(frame, status.frame);
-    assert.match(await page.textContent('#sky-words'), new RegExp(`Frame ${frame}.*sun ${Math.round(status.light.sun.elevation)}° high`));
-  }
-}));
+onOnePage('the sky panel', STILL, {
+  async 'the sky panel shows the frame’s sky and marks its sun, also rotated'(page) {
+    for (const turn of [0, 70, -110]) {
+      await say(page, { rotate_degrees: turn });
+      await page.waitForFunction((t) => window.relight.sky.sky?.turn === t, turn, { timeout: 30000 });
+      const [sun, bright] = [await sunPlace(page), await brightest(page)];
+      const across = Math.abs(((sun.u - bright.u + 1.5) % 1) - 0.5) * Math.sin(Math.PI * sun.v);
+      assert.ok(across < 0.03 && Math.abs(sun.v - bright.v) < 0.03, `turned by ${turn}: ${JSON.stringify([sun, bright])}`);
+      const { frame, status } = await page.evaluate(() => ({ frame: window.relight.sky.sky.frame, status: window.relight.status }));
+      assert.equal(frame, status.frame);
+      assert.match(await page.textContent('#sky-words'), new RegExp(`Frame ${frame}.*sun ${Math.round(status.light.sun.elevation)}° high`));
+    }
+  },
 
-test('a probed pixel’s samples are in the sky panel until the probe stops', () => withPage(STILL, async (page) => {
-  await page.waitForFunction(() => window.relight.sky.sky, null, { timeout: 30000 });
-  const plain = await page.evaluate(() => window.relight.sky.canvas.toDataURL());
-  const box = await page.locator('#picture').boundingBox();
-  await page.mouse.click(box.x + 0.45 * box.width, box.y + 0.7 * box.height);
-  await page.waitForFunction(() => window.relight.sky.pixel?.light.length > 0 && /light samples of pixel/.test(document.getElementById('sky-words').textContent), null, { timeout: 30000 });
-  const { pixel, words, marked } = await page.evaluate(() => ({
-    pixel: window.relight.probe.answer, words: document.getElementById('sky-words').textContent, marked: window.relight.sky.canvas.toDataURL(),
-  }));
-  assert.ok(words.includes(`the ${pixel.light.length} light samples of pixel ${pixel.x}, ${pixel.y}`), words);
-  assert.notEqual(marked, plain);
-  await page.click('#probe-stop');
-  await page.waitForFunction(() => !/light samples/.test(document.getElementById('sky-words').textContent), null, { timeout: 10000 });
-}));
-
-test('a moving sky is requested at most once a second, a folded panel requests nothing', () => withPage(AUTO, async (page) => {
-  const count = async (ms) => {
-    await page.evaluate(() => {
-      window.asked = 0;
-      window.relight.app.sendFirst ??= window.relight.app.send;
-      window.relight.app.send = (m) => {
-        window.asked += m.op === 'probe';
-        window.relight.app.sendFirst(m);
-      };
-    });
-    await page.waitForTimeout(ms);
-    return page.evaluate(() => window.asked);
-  };
-  const frame = await page.evaluate(() => window.relight.sky.sky?.frame ?? 0);
-  const open = await count(4000);
-  assert.ok(open >= 2 && open <= 5, `${open} in four seconds`);
-  assert.ok(await page.evaluate(() => window.relight.sky.sky.frame) > frame);
-  await page.click('#sky-panel summary');
-  await page.waitForTimeout(300);
-  assert.equal(await count(2500), 0);
-}));
+  async 'a probed pixel’s samples are in the sky panel until the probe stops'(page) {
+    await page.waitForFunction(() => window.relight.sky.sky, null, { timeout: 30000 });
+    const plain = await page.evaluate(() => window.relight.sky.canvas.toDataURL());
+    const box = await page.locator('#picture').boundingBox();
+    await page.mouse.click(box.x + 0.45 * box.width, box.y + 0.7 * box.height);
+    await page.waitForFunction(() => window.relight.sky.pixel?.light.length > 0 && /light samples of pixel/.test(document.getElementById('sky-words').textContent), null, { timeout: 30000 });
+    const { pixel, words, marked } = await page.evaluate(() => ({
+      pixel: window.relight.probe.answer, words: document.getElementById('sky-words').textContent, marked: window.relight.sky.canvas.toDataURL(),
+    }));
+    assert.ok(words.includes(`the ${pixel.light.length} light samples of pixel ${pixel.x}, ${pixel.y}`), words);
+    assert.notEqual(marked, plain);
+    await page.click('#probe-stop');
+    await page.waitForFunction(() => !/light samples/.test(document.getElementById('sky-words').textContent), null, { timeout: 10000 });
+  },
+});
 
 // Under a sky that turns slowly; the switch works both ways, and nothing is fetched while it is off.
 test('changed pixels lie over the image while they are asked for', () => withPage(['--source', 'sky:size=64x32,speed=600', '--fps', '4', '--method', 'mis', '--samples', '4', '--paths', 'direct'], async (page) => {
