@@ -58,7 +58,7 @@ static struct gbuffer lobes_make(enum lobe_kind kind, float diffuse, float specu
 static double lobe_light(const struct environment *e, const struct latlong *source, const struct lobe *x,
                          struct vec3 wo)
 {
-    enum { RINGS = 900, SPOKES = 360 };
+    enum { RINGS = 450, SPOKES = 180 };
     const struct vec3 r = vec3_add(vec3_scale(x->shading, 2.0f * vec3_dot(x->shading, wo)), vec3_scale(wo, -1.0f));
     struct vec3 t, u;
     double sum = 0.0, before = 0.0;

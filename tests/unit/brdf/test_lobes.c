@@ -141,7 +141,7 @@ static void white_surfaces_return_nearly_everything_and_no_more(void **state)
         const struct lobe metal = white(1.0f, 0.05f * (float)i), plastic = white(0.0f, 0.05f * (float)i),
                           half = white(0.5f, 0.05f * (float)i);
         double most = 0.0, mean = 0.0, weights = 0.0;
-        for (int k = 1; k <= 24; k++) {
+        for (int k = (int)seeds_count(2, 1); k <= 24; k += (int)seeds_count(2, 1)) {
             const double cosine = k / 24.0, returned = albedo(&metal, cosine);
             most = fmax(most, returned);
             mean += returned * cosine;
@@ -161,7 +161,7 @@ static void white_surfaces_return_nearly_everything_and_no_more(void **state)
 static void further_reflections_saturate_the_colour(void **state)
 {
     (void)state;
-    for (int i = 6; i <= 20; i += 2) {
+    for (int i = 6; i <= 20; i += (int)seeds_count(4, 2)) {
         const float roughness = 0.05f * (float)i;
         const struct lobe lobe = { LOBE_GGX, 0.0, 1.0, (double)roughness * (double)roughness };
         double loss = 0.0;

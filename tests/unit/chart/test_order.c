@@ -14,7 +14,7 @@ enum { FACES_UNIFORM, FACES, MIS, CURVES, SEEDS = 64 };
 
 static struct panel *measure(const char *sky, const uint32_t *budgets, uint32_t count)
 {
-    const struct set_desc stage = { .width = 40, .height = 22 };
+    const struct set_desc stage = { .width = 20, .height = 11 };
     const struct source_desc from = { .spec = sky };
     struct frame frame = { .kind = FRAME_NONE };
     struct source *source;

@@ -5,8 +5,8 @@
  * carries |wi.n_s| / |wi.n_g| without limit, so that the variance of interreflection is that of rare large splats, and
  * its error another at other seeds: 0.3 to 0.55 % of the picture's mean by three sets of them. By 24 seeds (`./test
  * --long`) it must be below 0.9 %, that of caustics below 0.28 %: a bias of 1.2 % in caustics and of 4 % in
- * interreflection is caught in 4 of 5 at the least; by the 8 seeds of each commit one of 2.3 % and of 7.8 %. Scenes
- * whose normals are those of their facets are held to 1 % in light/test_estimators.c. */
+ * interreflection is caught in 4 of 5 at the least; by the 8 seeds of each commit, of half as many paths, one of 3.2 %
+ * and of 11 %. Scenes whose normals are those of their facets are held to 1 % in light/test_estimators.c. */
 #include "estimators/tracing.h"
 
 #include "brdf/lobe.h"
@@ -134,16 +134,17 @@ static void compare_sides(const struct stage *s, const struct environment *e, ui
     enum { FEW = 8, ALL = 24 };
     static struct seen eye[ALL], light[ALL];
     const int seeds = (int)seeds_count(FEW, ALL);
-    const double blur = seeds_blur(FEW, ALL);
+    const uint32_t part = seeds_count(2, 1);
+    const double blur = seeds_blur(FEW, ALL) * sqrt(part);
     struct light_tracer *t = light_tracer_create(s->scene, s->rays, &s->view);
 
     memset(light, 0, sizeof(light));
 #pragma omp parallel for schedule(dynamic, 1)
     for (int k = 0; k < seeds; k++)
-        eye_look(s, e, eye_paths, (uint64_t)k, &eye[k]);
+        eye_look(s, e, eye_paths / part, (uint64_t)k, &eye[k]);
     for (int k = 0; k < seeds; k++) {
-        light_look(t, s, e, 0, particles, (uint64_t)k, &light[k]);
-        light_look(t, s, e, 1, 3 * particles / 2, (uint64_t)k, &light[k]);
+        light_look(t, s, e, 0, particles / part, (uint64_t)k, &light[k]);
+        light_look(t, s, e, 1, 3 * particles / 2 / part, (uint64_t)k, &light[k]);
     }
     for (int class = 0; class < 2; class ++)
         for (int block = 0; block <= BLOCKS; block++) { /* the last is the whole picture */

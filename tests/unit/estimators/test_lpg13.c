@@ -482,7 +482,7 @@ static double slope_of(const uint32_t *x, const double *y, int count)
     return (sxy - sx * sy) / (sxx - sx * sx);
 }
 
-enum { WIDTH = 96, HEIGHT = 54, PIXELS = WIDTH * HEIGHT };
+enum { WIDTH = 64, HEIGHT = 36, PIXELS = WIDTH * HEIGHT };
 
 struct camera_work {
     struct view v;

@@ -169,9 +169,10 @@ static void below_a_disc_it_is_the_closed_form_by_every_method(void **state)
     (void)state;
 
     for (size_t k = 0; k < sizeof(methods) / sizeof(methods[0]); k++) {
-        const bool noisy = methods[k] == METHOD_LIGHT || methods[k] == METHOD_FACES || methods[k] == METHOD_LATLONG_ROWS;
-        const struct relight_desc light = { .direct = { .method = methods[k], .samples = noisy ? 256 : 96 } };
-        check_disc(s, method_name(methods[k]), light, 0.0);
+        const enum method m = methods[k];
+        const bool noisy = m == METHOD_LIGHT || m == METHOD_FACES || m == METHOD_LATLONG_ROWS;
+        const struct relight_desc light = { .direct = { .method = m, .samples = noisy ? 256 : 96 } };
+        check_disc(s, method_name(m), light, 0.0);
     }
     check_disc(s, "cached", (struct relight_desc){ .direct = { .method = METHOD_CACHED, .samples = 64 } }, 3e-3);
     stand_destroy(s);
@@ -270,8 +271,8 @@ static void assert_same(const char *name, const struct means *a, const struct me
 
 /* All light by path, mlt, eye paths, the light tracer, stored light paths and the cache, under an overcast sky. The
  * error of each third of the picture is at most 0.4 % of it: a bias of 1.8 % is found, by a quarter of the samples,
- * which each commit draws, one of 3.6 %. What arrives on the ground by mirror and glass is more than that: without it the
- * comparison fails, which is asserted. */
+ * which each commit draws, one of 3.6 %. What arrives on the ground by mirror and glass is more than that: without it
+ * the comparison fails, which is asserted. */
 static void all_light_agrees_by_every_estimator(void **state)
 {
     struct stand *s = stand_on(shop(), true, true, sky_overcast(64, 32));

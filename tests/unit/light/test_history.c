@@ -267,16 +267,16 @@ static double relmse(const float *x, const float *truth)
     return m.rel_mse_trimmed;
 }
 
-/* Error of pictures 1, 4 and 16 under a still sky, against 512 samples. Plain means of 16 have a sixteenth of the
+/* Error of pictures 1, 4 and 16 under a still sky, against 256 samples. Plain means of 16 have a sixteenth of the
  * variance; the filter takes less from them, since it sees less noise: 0.5 after 4 and 0.25 after 16 leave room for
  * that, and a history that keeps nothing gives 1. */
 static void converge(bool ground)
 {
     struct stage s = stage_make(&(struct set_desc){ .width = WIDTH, .height = HEIGHT, .ground = ground },
                                 sky_with_sun(64, 32, 2e3f));
-    struct relight_desc light = { .direct = { .method = METHOD_MIS, .samples = 512 },
+    struct relight_desc light = { .direct = { .method = METHOD_MIS, .samples = 256 },
                                   .classes = PATH_ALL,
-                                  .eye_paths = 128 };
+                                  .eye_paths = 64 };
     const size_t values = (size_t)3 * WIDTH * HEIGHT;
     float *truth = mem_alloc(values, sizeof(float));
     double error[16];
@@ -363,12 +363,12 @@ static void samples_beside_a_cache_weigh_as_they_deserve(void **state)
 /* A picture of the complete cache is that of the cache alone, to the bit. */
 static void a_history_ends_with_the_finished_cache(void **state)
 {
-    struct stage s = stage_make(&(struct set_desc){ .width = 32, .height = 18 }, sky_with_sun(64, 32, 2e3f));
+    struct stage s = stage_make(&(struct set_desc){ .width = 16, .height = 9 }, sky_with_sun(64, 32, 2e3f));
     struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 64 },
                                   .classes = PATH_DIRECT | PATH_INDIRECT_LIT | PATH_BACKGROUND,
                                   .cache_background = true,
                                   .remember = true };
-    const size_t bytes = (size_t)3 * 32 * 18 * sizeof(float);
+    const size_t bytes = (size_t)3 * 16 * 9 * sizeof(float);
     float *last = mem_alloc(bytes, 1);
     struct relight_stats stats;
     (void)state;

@@ -3,7 +3,7 @@
 #include "estimators/points.h"
 #include "support/sets.h"
 
-enum { WIDTH = 32, HEIGHT = 18, VALUES = 3 * WIDTH * HEIGHT };
+enum { WIDTH = 16, HEIGHT = 9, VALUES = 3 * WIDTH * HEIGHT };
 
 static struct environment *make_sky(bool lean)
 {

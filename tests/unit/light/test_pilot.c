@@ -273,7 +273,7 @@ static void interreflection_is_left_out_where_the_time_is_short(void **state)
     assert_true(hasty.part[PILOT_EYE].n == 0.0 && hasty.part[PILOT_EYE].error > 0.0);
     pilot_end(p);
     p = pilot_of(set);
-    fly(p, e, &light, (struct pilot_target){ .seconds = 0.3 }, 6, rgb, &stats, &patient);
+    fly(p, e, &light, (struct pilot_target){ .seconds = 0.15 }, 6, rgb, &stats, &patient);
     assert_int_not_equal(stats.plan.indirect, PLAN_NONE);
     assert_true(patient.error < hasty.error);
     pilot_end(p);
@@ -295,7 +295,7 @@ static void what_could_fail_unseen_is_not_taken(void **state)
         struct environment *e = k ? sun_alone() : sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
         struct pilot *p = pilot_of(set);
         for (int frame = 0; frame < 30; frame++) {
-            fly(p, e, &light, (struct pilot_target){ .seconds = frame < 15 ? 0.01 : 0.1 }, 1, rgb, &stats, &said);
+            fly(p, e, &light, (struct pilot_target){ .seconds = frame < 15 ? 0.01 : 0.05 }, 1, rgb, &stats, &said);
             assert_true(strcmp(said.part[PILOT_DIRECT].name, "lobes alone") != 0);
         }
         pilot_end(p);

@@ -5,7 +5,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { WIDTH = 48, HEIGHT = 27, SMALL_WIDTH = 24, SMALL_HEIGHT = 14 };
+enum { WIDTH = 48, HEIGHT = 27, SMALL_WIDTH = 16, SMALL_HEIGHT = 9 };
 
 static struct stage court(uint32_t width, uint32_t height)
 {
@@ -24,7 +24,7 @@ static double run(struct stage *s, const struct relight_desc *light, struct reli
 }
 
 /* In the built-in court a fifth of the light is interreflection: taken twice, or not at all, it is ten times what is
- * allowed here. 64 eye paths of each of 10 000 points, a thousandth of noise in the sum. None of its
+ * allowed here. 32 eye paths of each of 10 000 points, 0.15 % of noise in the sum. None of its
  * lobes is so narrow that eye paths have to follow it. */
 static void each_light_is_taken_once(void **state)
 {
@@ -45,7 +45,7 @@ static void each_light_is_taken_once(void **state)
     assert_true(stats.bounce.records == 0 && !strstr(stats.bias, "records"));
     light.classes = PATH_DIRECT | PATH_INDIRECT;
     light.indirect = PLAN_EYE;
-    light.eye_paths = 64;
+    light.eye_paths = 32;
     const double by_eye = run(&s, &light, &stats);
     assert_int_equal(stats.plan.indirect, PLAN_EYE);
     assert_true(stats.bounce.records == 0);
@@ -107,8 +107,8 @@ static void a_killed_run_leaves_what_it_has(void **state)
 {
     struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16 },
                                   .classes = PATH_DIRECT | PATH_INDIRECT };
-    const struct set_desc small = { .width = 32, .height = 18 };
-    const size_t size = (size_t)3 * 32 * 18 * sizeof(float);
+    const struct set_desc small = { .width = SMALL_WIDTH, .height = SMALL_HEIGHT };
+    const size_t size = (size_t)3 * SMALL_WIDTH * SMALL_HEIGHT * sizeof(float);
     struct stage s = stage_make(&small, sky_with_sun(64, 32, 2e3f));
     struct relight_stats stats;
     struct folder folder;

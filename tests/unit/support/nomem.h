@@ -139,8 +139,8 @@ static inline void nomem_disarm(void)
 
 typedef enum err nomem_use(void *context, struct reason *why);
 
-/* Of the allocations of a use so many fail, evenly among them; what is slow sets it lower. The variable NOMEM_MOST
- * overrides it: a large number has all of them fail, which takes minutes. */
+/* Of the allocations of a use so many fail, evenly among them, half as many in each commit; what is slow sets it lower.
+ * The variable NOMEM_MOST overrides it: a large number has all of them fail, which takes minutes. */
 static unsigned nomem_most = 120;
 
 /* How a run with a failure went: NULL, or what is wrong with it. */
@@ -180,7 +180,8 @@ static inline void nomem_each(const char *name, nomem_use *use, void *context)
     if (nomem_live != live)
         fail_msg("%s: leaves %zd blocks behind", name, (ssize_t)(nomem_live - live));
     const unsigned asked = getenv("NOMEM_MOST") ? (unsigned)atoi(getenv("NOMEM_MOST")) : 0;
-    const unsigned most = asked > 0 ? asked : nomem_most, step = count > most ? (count + most - 1) / most : 1;
+    const unsigned most = asked > 0 ? asked : nomem_most / seeds_count(2, 1);
+    const unsigned step = count > most ? (count + most - 1) / most : 1;
     for (unsigned n = 1; n <= count; n += step)
         for (int all = 0; all <= (tried % 3 == 0); all++) {
             const char *fault = nomem_once(use, context, n, all, &survived, &why);
