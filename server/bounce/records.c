@@ -84,16 +84,54 @@ static int by_key(const void *a, const void *b)
     return x->order < y->order ? -1 : x->order > y->order;
 }
 
-/* Sorts the spots by voxel; returns the number of voxels. */
-static uint32_t sort_spots(const struct bounce_records *r, struct bounce_spots *s)
+static void set_keys(const struct bounce_records *r, struct bounce_spots *s)
 {
-    uint32_t count = 0;
-
 #pragma omp parallel for schedule(static)
     for (uint32_t i = 0; i < s->count; i++) {
         struct bounce_spot *x = &s->at[i];
         x->key = key_of(level_of(r, x->at, x->length), x->at, x);
     }
+}
+
+/* Whether the spots are in at most `most` voxels, without sorting all of them. set: [mask + 1], more than `most`. */
+static bool fits(const struct bounce_spots *s, uint32_t most, uint64_t *set, uint32_t mask)
+{
+    uint32_t count = 0;
+
+    memset(set, 0, ((size_t)mask + 1) * sizeof(*set));
+    for (uint32_t i = 0; i < s->count; i++) {
+        const uint64_t key = ~s->at[i].key; /* never 0, since no level has all bits */
+        uint32_t at = (uint32_t)rng_hash(key) & mask;
+        while (set[at] && set[at] != key)
+            at = (at + 1) & mask;
+        if (!set[at] && count++ == most)
+            return false;
+        set[at] = key;
+    }
+    return true;
+}
+
+/* Chooses the smallest voxels that are few enough. */
+static enum err choose_angle(struct bounce_records *r, struct bounce_spots *s, uint32_t most)
+{
+    uint32_t slots = 16;
+
+    while (slots < 2 * (uint64_t)most)
+        slots *= 2;
+    uint64_t *set = mem_alloc_raw(slots, sizeof(*set));
+    if (!set)
+        return ERR_NOMEM;
+    for (set_keys(r, s); !fits(s, most, set, slots - 1); set_keys(r, s))
+        r->angle *= 1.25f;
+    mem_free(set);
+    return ERR_OK;
+}
+
+/* Sorts the spots by voxel; returns the number of voxels. */
+static uint32_t sort_spots(struct bounce_spots *s)
+{
+    uint32_t count = 0;
+
     if (s->count > 0) /* qsort requires a pointer even for no elements */
         qsort(s->at, s->count, sizeof(*s->at), by_key);
     for (uint32_t i = 0; i < s->count; i++)
@@ -121,8 +159,9 @@ enum err bounce_records_init(struct bounce_records *r, struct bounce_spots *spot
 {
     uint32_t slots = 16;
 
-    for (r->count = sort_spots(r, spots); r->count > most; r->count = sort_spots(r, spots))
-        r->angle *= 1.25f;
+    if (choose_angle(r, spots, most))
+        return ERR_NOMEM;
+    r->count = sort_spots(spots);
     while (slots < 4 * r->count)
         slots *= 2;
     r->mask = slots - 1;

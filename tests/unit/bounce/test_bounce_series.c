@@ -163,7 +163,45 @@ static void a_leaf_sends_light_to_both_sides(void **state)
     lit_destroy(&x);
 }
 
+/* Records of random places on a plane seen from above, and the size of their voxels. */
+static uint32_t count_records(float *angle, uint32_t most)
+{
+    enum { SPOTS = 5000 };
+    const struct vec3 up = { 0.0f, 1.0f, 0.0f };
+    struct bounce_records records = { .eye = { 0.0f, 5.0f, 0.0f }, .angle = *angle };
+    struct bounce_spots spots = { .at = mem_alloc(SPOTS, sizeof(*spots.at)), .count = SPOTS };
+    struct rng r = { 12 };
+
+    for (uint32_t k = 0; k < SPOTS; k++)
+        spots.at[k] = (struct bounce_spot){ .at = { (float)(20.0 * rng_next(&r)), 0.0f, (float)(20.0 * rng_next(&r)) },
+                                            .geometric = up,
+                                            .shading = up,
+                                            .length = 1e3f,
+                                            .order = k };
+    assert_int_equal(bounce_records_init(&records, &spots, most), ERR_OK);
+    const uint32_t count = records.count;
+    *angle = records.angle;
+    mem_free(spots.at);
+    bounce_records_finish(&records);
+    return count;
+}
+
+/* Voxels grow only until there are few enough. Sizes are powers of two, so the last step may take away half of them. */
+static void voxels_are_the_smallest_that_are_few_enough(void **state)
+{
+    float grown = 1e-3f;
+    (void)state;
+
+    const uint32_t count = count_records(&grown, 300);
+    float before = grown / 1.25f;
+    const uint32_t more = count_records(&before, 5000);
+    printf("%u records, %u with smaller voxels\n", count, more);
+    assert_true(count <= 300 && count > 60 && more > 300);
+    assert_true(before == grown / 1.25f);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(voxels_are_the_smallest_that_are_few_enough),
     cmocka_unit_test(a_leaf_sends_light_to_both_sides),
     cmocka_unit_test(the_series_ends_when_little_is_left),
     cmocka_unit_test(a_metal_plate_reflects_the_sphere_around),
