@@ -4,6 +4,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #define LEVEL_LEAST (-24)
 #define LEVEL_MOST 30
