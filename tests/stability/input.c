@@ -220,7 +220,7 @@ static struct frame noise_of(int k)
 
 /* Tables, samples and images built in reused memory of other sizes equal those in fresh memory, bit for bit. Each
  * commit plays every third picture of the sequence, which still changes layout each time, and caches by the first
- * and the twelfth. */
+ * and the twelfth. A cache has another sky behind it from the second on. */
 static void a_sequence_whose_size_and_layout_change_is_as_if_each_came_alone(void **state)
 {
     static float got[VALUES], want[VALUES];
@@ -250,6 +250,8 @@ static void a_sequence_whose_size_and_layout_change_is_as_if_each_came_alone(voi
             if (by.direct.method == METHOD_CACHED && k % seeds_count(12, 1))
                 continue;
             picture_of(worn, used, &by, got);
+            if (by.direct.method == METHOD_CACHED && k == 0) /* nothing is worn yet */
+                continue;
             picture_of(new, fresh, &by, want);
             same += memcmp(got, want, sizeof(got)) == 0;
             total++;

@@ -4,7 +4,13 @@
 
 #include <omp.h>
 
-enum { WIDTH = 48, HEIGHT = 36, PIXELS = WIDTH * HEIGHT, LONG = 512 };
+enum { WIDTH = 48, HEIGHT = 36, PIXELS = WIDTH * HEIGHT };
+
+/* Samples of the long run. */
+static uint32_t samples_of_long_run(void)
+{
+    return seeds_count(256, 512);
+}
 
 /* A closed room with a panel, a spot on one wall, and a box. */
 static void room_make(struct lit *l)
@@ -68,7 +74,7 @@ static void filtered_light_is_nearer_to_the_truth(void **state)
 
     (void)state;
     room_make(&l);
-    render(&l, LONG, 100, false, truth);
+    render(&l, samples_of_long_run(), 100, false, truth);
     for (size_t k = 0; k < sizeof(samples) / sizeof(samples[0]); k++) {
         render(&l, samples[k], 1, false, plain);
         render(&l, samples[k], 1, true, filtered);
@@ -82,7 +88,8 @@ static void filtered_light_is_nearer_to_the_truth(void **state)
     lit_finish(&l);
 }
 
-/* By as many samples as the truth has, an unfiltered image differs from it as much as another one does. */
+/* By as many samples as the truth has, an unfiltered image differs from it as much as another one does. The mean is
+ * held to 0.2 %, by half of the samples, as in each commit, to 0.28 %. */
 static void filtered_light_converges_to_the_unfiltered(void **state)
 {
     static float truth[3 * PIXELS], plain[3 * PIXELS], filtered[3 * PIXELS];
@@ -90,14 +97,14 @@ static void filtered_light_converges_to_the_unfiltered(void **state)
 
     (void)state;
     room_make(&l);
-    render(&l, LONG, 100, false, truth);
-    render(&l, LONG, 1, false, plain);
-    render(&l, LONG, 1, true, filtered);
+    render(&l, samples_of_long_run(), 100, false, truth);
+    render(&l, samples_of_long_run(), 1, false, plain);
+    render(&l, samples_of_long_run(), 1, true, filtered);
     const double p = rel_mse(plain, truth), f = rel_mse(filtered, truth);
-    printf("%u samples: relMSE %.6f, filtered %.6f; mean %+.5f\n", LONG, p, f,
+    printf("%u samples: relMSE %.6f, filtered %.6f; mean %+.5f\n", samples_of_long_run(), p, f,
            mean_of(filtered) / mean_of(truth) - 1.0);
     assert_true(f < p);
-    assert_float_equal(mean_of(filtered), mean_of(truth), 2e-3 * mean_of(truth));
+    assert_float_equal(mean_of(filtered), mean_of(truth), 2e-3 * seeds_blur(256, 512) * mean_of(truth));
     lit_finish(&l);
 }
 

@@ -175,7 +175,7 @@ static void caches_agree_on_coats(void **state)
  * out of the integrand: a grid of directions misses most of a sharp lobe at grazing angles. */
 static double albedo_of_facets(struct lobe l, struct vec3 wo)
 {
-    enum { RINGS = 300, SPOKES = 96 };
+    enum { RINGS = 200, SPOKES = 64 };
     const double a = l.gloss;
     double sum = 0.0;
 
