@@ -38,7 +38,8 @@ struct relight_builder {
     const struct bounce *whole;   /* the frames' thread owns it */
     struct bounce_desc described; /* of `whole` */
     atomic_bool cancelled;
-    atomic_bool done; /* then the next fields are set */
+    atomic_bool computes; /* files do not hold everything */
+    atomic_bool done;     /* then the next fields are set */
     enum err error;
     bool bounce_loaded, bounce_refused;
     struct reason why;
@@ -183,6 +184,7 @@ static void *build_main(void *arg)
     struct relight_builder *b = arg;
     const bool bounce = b->wanted && !load_bounce(b);
 
+    atomic_store(&b->computes, bounce || !b->loaded);
     if (bounce && b->light.cache_background)
         give_way(b);
 
@@ -249,6 +251,12 @@ void relight_builder_destroy(struct relight_builder *b)
     bounce_destroy(atomic_load(&b->next));
     transport_live_destroy(b->live);
     mem_free(b);
+}
+
+void relight_builder_await_files(struct relight_builder *b)
+{
+    while (!atomic_load(&b->done) && !atomic_load(&b->computes))
+        nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
 }
 
 struct transport_live *relight_builder_live(struct relight_builder *b)

@@ -33,6 +33,9 @@ MUST_CHECK enum err relight_builder_create(const struct relight_builder_desc *de
 /* Stops the computation within some hundredths of a second, and frees the cache. NULL is allowed. */
 void relight_builder_destroy(struct relight_builder *b);
 
+/* Waits until it has read what files hold: afterwards it is done or computes. */
+void relight_builder_await_files(struct relight_builder *b);
+
 /* The cache of direct light that it computes; NULL if it was loaded. */
 struct transport_live *relight_builder_live(struct relight_builder *b);
 

@@ -136,6 +136,8 @@ static enum err begin(struct relight_cache *c, const struct relight_builder_desc
         return e;
     if (!c->transport)
         c->transport = transport_live_cache(relight_builder_live(c->builder));
+    if (desc->light->cache_if_kept) /* for this picture: reading takes less time than a picture by other means */
+        relight_builder_await_files(c->builder);
     c->building = true;
     return ERR_OK;
 }

@@ -267,6 +267,37 @@ static void a_file_is_taken_after_one_frame(void **state)
     kept_remove(folder);
 }
 
+/* All of it, indirect light too: reading it takes less time than one image by other means. */
+static void a_kept_cache_makes_the_first_picture(void **state)
+{
+    struct relight_desc light = sampled, cached;
+    const struct frame_request request = {
+        .light = &light, .target.seconds = 0.1, .allow_bias = 1.0, .background = true
+    };
+    struct relighter *r = make();
+    char folder[32] = "/tmp/relight-decide-XXXXXX";
+    struct decider d = { .pilot = NULL };
+    struct decision first;
+    double ms;
+    (void)state;
+
+    assert_non_null(mkdtemp(folder));
+    light.classes = PATH_ALL;
+    light.cache_file = "";
+    light.cache_dir = folder;
+    cached = light;
+    cached.direct.method = METHOD_CACHED;
+    assert_int_equal(relighter_prepare(r, &cached, false, &ms), ERR_OK);
+    relighter_destroy(r);
+    r = make();
+    decider_begin(&d, r, &request);
+    decide(&d, &request, &first);
+    assert_int_equal(first.by, DECIDED_BY_CACHE);
+    assert_false(decider_is_computing(&d, r));
+    relighter_destroy(r);
+    kept_remove(folder);
+}
+
 /* A cache without room is given up once, with a warning in the log: the frames' requests succeed, so that their reason
  * stays as it is. */
 static void what_has_no_room_is_no_ones_error(void **state)
@@ -296,6 +327,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test_setup_teardown(its_pictures_are_those_of_the_cache, set_up, tear_down),
     cmocka_unit_test_setup_teardown(a_stream_of_frames_gets_it_in_the_background, set_up, tear_down),
     cmocka_unit_test_setup_teardown(first_pictures_hurry, set_up, tear_down),
+    cmocka_unit_test_setup_teardown(a_kept_cache_makes_the_first_picture, set_up, tear_down),
     cmocka_unit_test_setup_teardown(a_file_is_taken_after_one_frame, set_up, tear_down),
     cmocka_unit_test_setup_teardown(what_has_no_room_is_no_ones_error, set_up, tear_down),
 };
