@@ -2,6 +2,7 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
+#include "base/progress.h"
 #include "film/film.h"
 #include "light/decide.h"
 #include "source/source.h"
@@ -77,17 +78,24 @@ static void *make_sky(void *arg)
     return NULL;
 }
 
-static enum err begin(struct first_minute *m, const char *folder, struct reason *why)
+static struct set_desc describe(const struct first_minute *m)
 {
     const struct bench_desc *d = m->desc;
-    const struct set_desc set = { .scene = d->scene, .reading = d->reading, .width = d->width, .height = d->height };
 
+    return (struct set_desc){ .scene = d->scene, .reading = d->reading, .width = d->width, .height = d->height };
+}
+
+/* live: its first image may show a coarse view, as relightd's. */
+static enum err begin(struct first_minute *m, const char *folder, bool live, struct reason *why)
+{
+    struct set_desc set = describe(m);
     pthread_t sky;
 
     m->begun_s = clock_seconds();
     m->begun_processor_s = clock_processor();
     m->pictures = 0;
     m->light.cache_dir = folder;
+    set.soon = live && !relight_may_be_kept(&set, &m->light);
     if (pthread_create(&sky, NULL, make_sky, m) != 0)
         return err_say(why, ERR_NOMEM, "a thread could not be started");
     const enum err e = set_create(&set, &m->set, why);
@@ -98,6 +106,29 @@ static enum err begin(struct first_minute *m, const char *folder, struct reason 
         return err_say(why, m->sky_error, "%s", m->sky_why.text);
     m->relighter = relighter_create(m->set, m->kernels);
     return m->relighter ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory");
+}
+
+/* After the first image: the complete view, if that was coarse. */
+static enum err complete(struct first_minute *m)
+{
+    const struct set_desc desc = describe(m);
+    struct progress line;
+    struct set *set = NULL;
+
+    if (!m->set->coarse)
+        return ERR_OK;
+    progress_begin(&line, "computing the view", desc.height, NULL);
+    const enum err e = set_create_complete(m->set, &desc, &line, &set, &m->why);
+    progress_end(&line);
+    if (e)
+        return e;
+    decider_finish(&m->decider);
+    relighter_destroy(m->relighter);
+    set_hand_over(m->set, set);
+    set_destroy(m->set);
+    m->set = set;
+    m->relighter = relighter_create(set, m->kernels);
+    return m->relighter ? ERR_OK : ERR_NOMEM;
 }
 
 static void end(struct first_minute *m)
@@ -227,7 +258,9 @@ static int flicker_of(const struct changes *c)
 
 static enum err make_picture(struct first_minute *m, struct seen *seen)
 {
-    struct frame_request request = { .light = &m->light, .background = true, .allow_bias = INFINITY };
+    struct frame_request request = {
+        .light = &m->light, .background = true, .no_cache = m->set->coarse, .allow_bias = INFINITY
+    };
     struct decision decision;
     struct relight_stats stats;
     struct pilot_stats measured;
@@ -312,6 +345,7 @@ static enum err live(struct first_minute *m, double least_s, bool until_complete
         going = until_complete ? (after < AFTER || past_s < least_s) && past_s < PATIENCE_S : past_s < least_s;
         watch(m);
         note(m, &seen, !going);
+        e = complete(m);
         if (going)
             wait_until(start + fmax(decider_interval_s(&m->decider), INTERVAL_S));
     }
@@ -328,7 +362,7 @@ static enum err start_again(struct first_minute *m, const char *folder, struct r
     size_t count = 0;
 
     end(m);
-    enum err e = begin(m, folder, why);
+    enum err e = begin(m, folder, true, why);
     while (!e && count < MOST) {
         struct seen seen;
         const double start = clock_seconds(), past_s = start - m->begun_s;
@@ -381,12 +415,12 @@ enum err first_minute_run(const struct bench_desc *desc, const char *folder, con
     m->out = out;
     enum err e = prepare(m, why);
     if (!e)
-        e = begin(m, folder, why);
+        e = begin(m, folder, false, why);
     if (!e && (e = make_truth(m)))
         err_say(why, e, "%s", m->why.text[0] ? m->why.text : err_text(e));
     end(m);
     if (!e)
-        e = begin(m, folder, why);
+        e = begin(m, folder, true, why);
     if (!e && (e = live(m, least_s, until_complete)))
         err_say(why, e, "%s", m->why.text[0] ? m->why.text : err_text(e));
     if (!e && finished && (out->complete || finished != folder))

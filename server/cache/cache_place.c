@@ -3,6 +3,7 @@
 #include "cache/cache_folder.h"
 
 #include <ctype.h>
+#include <dirent.h>
 #include <errno.h>
 #include <inttypes.h>
 #include <stdio.h>
@@ -20,10 +21,17 @@ static void plain_name(const char *name, char out[PART])
             *p = '_';
 }
 
+/* The start of the names in the cache folder. */
+static void scene_name(const struct cache_view *view, char out[PART])
+{
+    const char *slash = strrchr(view->scene, '/');
+
+    plain_name(slash ? slash + 1 : view->scene[0] ? view->scene : "builtin", out);
+}
+
 enum err cache_place_find(const struct cache_view *view, const char *file, const char *folder, const struct digest *key,
                           struct cache_place *out, struct reason *why)
 {
-    const char *slash = strrchr(view->scene, '/');
     char scene[PART], camera[PART];
     int n = 0;
 
@@ -36,7 +44,7 @@ enum err cache_place_find(const struct cache_view *view, const char *file, const
         const enum err e = cache_folder_find(folder, out->folder, sizeof(out->folder), why);
         if (e)
             return e;
-        plain_name(slash ? slash + 1 : view->scene[0] ? view->scene : "builtin", scene);
+        scene_name(view, scene);
         plain_name(view->camera[0] ? view->camera : "camera", camera);
         n = snprintf(out->path, CACHE_PATH, "%s/%s.%s-%ux%u-%016" PRIx64 "%016" PRIx64 CACHE_FOLDER_SUFFIX, out->folder,
                      scene, camera, view->width, view->height, key->half[0], key->half[1]);
@@ -45,6 +53,29 @@ enum err cache_place_find(const struct cache_view *view, const char *file, const
         return ERR_OK;
     out->path[0] = '\0';
     return err_say(why, ERR_IO, "%.200s...: the path of the cache's file is too long", file[0] ? file : out->folder);
+}
+
+bool cache_place_may_have(const struct cache_view *view, const char *file, const char *folder)
+{
+    char path[CACHE_PATH], scene[PART], begin[PART + 2], size[32];
+    const struct dirent *d;
+    struct reason why;
+    bool has = false;
+
+    if (!file || file[0])
+        return file && access(file, R_OK) == 0;
+    if (cache_folder_find(folder, path, sizeof(path), &why))
+        return false;
+    DIR *all = opendir(path);
+    scene_name(view, scene);
+    snprintf(begin, sizeof(begin), "%s.", scene);
+    snprintf(size, sizeof(size), "-%ux%u-", view->width, view->height);
+    while (all && !has && (d = readdir(all)) != NULL)
+        has = strncmp(d->d_name, begin, strlen(begin)) == 0 && strstr(d->d_name, size) &&
+              strstr(d->d_name, CACHE_FOLDER_SUFFIX);
+    if (all)
+        closedir(all);
+    return has;
 }
 
 enum err cache_place_prepare(const struct cache_place *p, uint64_t bytes, struct reason *why)

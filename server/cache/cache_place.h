@@ -5,6 +5,7 @@
 #include "base/digest.h"
 #include "base/err.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #define CACHE_PATH 4096
@@ -25,6 +26,9 @@ struct cache_view {
  * ERR_USAGE, ERR_IO: the place does not exist, and out->path is empty. */
 MUST_CHECK enum err cache_place_find(const struct cache_view *view, const char *file, const char *folder,
                                      const struct digest *key, struct cache_place *out, struct reason *why);
+
+/* Whether such a view, or another camera's of the same scene, may have a file there, of whatever key. */
+bool cache_place_may_have(const struct cache_view *view, const char *file, const char *folder);
 
 /* Call it before storing a file of `bytes`: creates the folder and frees room in it. ERR_IO: the folder does not exist
  * or cannot be written; ERR_RANGE: the file is too large for the cache folder. */

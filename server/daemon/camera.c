@@ -1,14 +1,18 @@
 /* Changes to another camera of the scene. A separate thread computes the new view (its G-buffer) while images of the
  * old one continue; then the shade thread switches. Free views, which users drag, are coarse at first. The command
- * line's view is kept: it owns scene and rays, lockstep sequences use it, and returning to it is free. */
+ * line's view is kept: it owns scene and rays, lockstep sequences use it, and returning to it is free. Where it was
+ * coarse, for an early first image, the complete one takes its place in the same way. */
 #include "daemon/shade_parts.h"
 
+#include "base/clock.h"
 #include "base/log.h"
 #include "base/threads.h"
 
 #include <omp.h>
 #include <stdio.h>
 #include <string.h>
+
+#define ALONE_S 10.0 /* so long a coarse first view waits for a frame before the complete one is computed */
 
 /* The building thread. */
 static void *build(void *arg)
@@ -17,10 +21,13 @@ static void *build(void *arg)
     struct camera_build *b = &t->camera;
     struct set_desc desc = t->shared->config.setup.set_desc;
 
-    desc.camera = b->view;
-    desc.edge_rays = b->coarse ? 1 : desc.edge_rays;
     progress_begin(&b->line, "computing the view", desc.height, NULL);
-    if (set_create_view(t->first_set, &desc, &b->line, &b->set, &b->why))
+    if (!b->complete) {
+        desc.camera = b->view;
+        desc.edge_rays = b->coarse ? 1 : desc.edge_rays;
+    }
+    if (b->complete ? set_create_complete(t->first_set, &desc, &b->line, &b->set, &b->why)
+                    : set_create_view(t->first_set, &desc, &b->line, &b->set, &b->why))
         b->set = NULL;
     if (b->set) /* a saved view goes by its name */
         memcpy(b->set->camera, b->name, sizeof(b->name));
@@ -51,6 +58,7 @@ static void start_build(struct shade_thread *t, const char *name, bool coarse)
     }
     memcpy(b->view, camera.name, sizeof(b->view));
     b->coarse = coarse;
+    b->complete = !coarse && t->first_set->coarse && strcmp(name, t->first_set->camera) == 0;
     b->set = NULL;
     atomic_store(&b->done, false);
     atomic_store(&b->line.done, 0);
@@ -98,6 +106,15 @@ static bool is_too_costly(struct shade_thread *t, struct set *set, const struct 
     return true;
 }
 
+/* The coarse first view goes; nothing uses it any more. */
+static void replace_first(struct shade_thread *t, struct set *set)
+{
+    lamps_leave_first(t);
+    set_hand_over(t->first_set, set);
+    set_destroy(t->first_set);
+    t->first_set = set;
+}
+
 /* Switches to a view and takes ownership of it. False: out of memory, and the old view stays. */
 static bool switch_to(struct shade_thread *t, struct set *set, bool coarse)
 {
@@ -112,6 +129,8 @@ static bool switch_to(struct shade_thread *t, struct set *set, bool coarse)
         return false;
     }
     leave_view(t);
+    if (set != t->first_set && t->camera.complete)
+        replace_first(t, set);
     t->set = set;
     t->relighter = r;
     t->coarse_view = coarse;
@@ -142,6 +161,17 @@ static bool finish_build(struct shade_thread *t)
     return false;
 }
 
+/* The complete view would take the time of the first image. */
+static bool is_awaiting_its_image(const struct shade_thread *t)
+{
+    return t->set->coarse && !(t->shaded_s > 0.0) && clock_seconds() - t->created_s < ALONE_S;
+}
+
+bool camera_is_completed(const struct shade_thread *t)
+{
+    return t->set->coarse && t->shaded_s > 0.0 && t->camera.running && t->camera.complete;
+}
+
 bool camera_follow_settings(struct shade_thread *t)
 {
     struct camera_build *b = &t->camera;
@@ -156,9 +186,9 @@ bool camera_follow_settings(struct shade_thread *t)
         return false;
     }
     const bool same = strcmp(now.camera, t->set->camera) == 0;
-    if (same && !t->coarse_view)
+    if (same && (!t->coarse_view || is_awaiting_its_image(t)))
         return false;
-    if (strcmp(now.camera, t->first_set->camera) == 0)
+    if (strcmp(now.camera, t->first_set->camera) == 0 && !t->first_set->coarse)
         return switch_to(t, t->first_set, false);
     start_build(t, now.camera, !same && free_view_is(now.camera) && t->shared->config.setup.set_desc.edge_rays != 1);
     return false;

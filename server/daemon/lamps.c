@@ -121,10 +121,16 @@ void lamps_leave_view(struct shade_thread *t)
     t->lamps.other = NULL;
 }
 
+void lamps_leave_first(struct shade_thread *t)
+{
+    relight_lamps_destroy(t->lamps.first);
+    t->lamps.first = NULL;
+}
+
 void lamps_finish(struct shade_thread *t)
 {
     lamps_leave_view(t);
-    relight_lamps_destroy(t->lamps.first);
+    lamps_leave_first(t);
     relight_lamps_destroy(t->lamps.lockstep);
     mem_free(t->lamps.sky);
     t->lamps = (struct shown_lamps){ .first = NULL };

@@ -63,6 +63,7 @@ static struct frame_request make_request(struct shade_thread *t, const struct in
 {
     struct frame_request q = { .light = &l->asked,
                                .background = true,
+                               .no_cache = t->set->coarse, /* it would serve the complete view only */
                                .allow_bias = t->shared->config.setup.allow_bias };
 
     if (l->settings.method != METHOD_AUTO || l->settings.counted || in->ticket.lockstep)
@@ -128,7 +129,7 @@ static void publish(struct shade_thread *t, int slot, const struct ingested *in,
     const double now_s = clock_seconds();
     status_picture_shaded(&shared->status,
                           &(struct picture_report){ in, header, light, &l->stats, measured ? &l->pilot : NULL,
-                                                    t->shaded_s > 0.0 ? now_s - t->shaded_s : 0.0 });
+                                                    t->shaded_s > 0.0 ? now_s - t->shaded_s : 0.0, t->set->coarse });
     if (!measured && !light->denoise) /* what the filter takes, no setting asks for */
         cost_learn(&t->cost, (in->ticket.lockstep ? t->first_set : t->set)->facts.points, light, &l->stats);
     if (!in->ticket.lockstep)
@@ -279,6 +280,10 @@ enum err shade_thread_turn(struct shade_thread *t, struct reason *why)
     if (e)
         return e;
     probe_result(t);
+    if (camera_is_completed(t)) {
+        nanosleep(&(struct timespec){ .tv_nsec = PACE_MS * 1000000L }, NULL);
+        return ERR_OK;
+    }
     const double due_s = t->begun_s + interval_s(t), now_s = clock_seconds();
     if (now_s < due_s) {
         nanosleep(&(struct timespec){ .tv_nsec = PACE_MS * 1000000L }, NULL);
@@ -317,9 +322,22 @@ static enum err read_parts(struct shade_thread *t, struct reason *why)
     return ERR_OK;
 }
 
+/* Whether the first image may show a coarse view. Not where images must be reproducible or wait for something else, nor
+ * where the folder may have a cache, which is of the complete view. */
+static bool may_be_coarse(const struct shared *shared)
+{
+    const struct daemon_config *c = &shared->config;
+    const struct setup *s = &c->setup;
+
+    return s->initial.method == METHOD_AUTO && !s->initial.counted && s->light.cache_background && !c->push &&
+           !shared->ranks && c->part_floats != PART_HALF && s->light.caustics != PLAN_STORED &&
+           !relight_may_be_kept(&s->set_desc, &s->light);
+}
+
 enum err shade_thread_create(struct shared *shared, struct shade_thread **out, struct reason *why)
 {
     const struct daemon_config *c = &shared->config;
+    struct set_desc desc = c->setup.set_desc;
     struct shade_thread *t = mem_alloc(1, sizeof(*t));
 
     *out = NULL;
@@ -327,13 +345,16 @@ enum err shade_thread_create(struct shared *shared, struct shade_thread **out, s
         return err_say(why, ERR_NOMEM, "out of memory");
     t->shared = shared;
     t->held = t->early = HANDOFF_NONE;
+    t->created_s = clock_seconds();
+    desc.soon = may_be_coarse(shared);
     enum err e = read_parts(t, why);
     if (!e)
-        e = set_create(&c->setup.set_desc, &t->first_set, why);
+        e = set_create(&desc, &t->first_set, why);
     if (e)
         goto failed;
     setup_report_unused(&c->setup, &t->first_set->facts);
     t->set = t->first_set;
+    t->coarse_view = t->set->coarse;
     t->first_relighter = t->relighter = relighter_create(t->set, c->setup.kernels);
     if (!t->relighter || !lamps_create_canvas(t)) {
         e = err_say(why, ERR_NOMEM, "no memory for images of %ux%u", c->setup.set_desc.width, c->setup.set_desc.height);

@@ -45,6 +45,7 @@ struct camera_build {
     char name[64];
     char view[64]; /* the scene camera or free view of this build */
     bool coarse;   /* one ray per pixel, for quick display */
+    bool complete; /* of first_set, which it is to replace */
     struct progress line;
     struct set *set; /* the result; NULL: it failed */
     struct reason why;
@@ -105,6 +106,7 @@ struct shade_thread {
     int early;                 /* slot of the next one, which other ranks light already, or HANDOFF_NONE */
     struct lighting next;      /* of that one */
     double begun_s, shaded_s;  /* when the last picture was due, and when it was finished; 0: none yet */
+    double created_s;          /* clock_seconds */
 };
 
 /* Shade thread, all of what follows. */
@@ -145,6 +147,8 @@ bool lamps_come_first(const struct shade_thread *t);
 void lamps_pixel(const struct shade_thread *t, uint32_t x, uint32_t y, struct probe_lamps *out);
 /* Call it when the displayed view changes, and at the end. */
 void lamps_leave_view(struct shade_thread *t);
+/* Likewise when another set replaces first_set. */
+void lamps_leave_first(struct shade_thread *t);
 void lamps_finish(struct shade_thread *t);
 
 /* ---- picture_limit.c ---- */
@@ -162,6 +166,9 @@ bool picture_end(struct shade_thread *t);
 /* Starts, continues or finishes a change to the camera in the settings. Returns true when t->set and t->relighter have
  * just changed to another camera, so that the current frame must be lit again. */
 bool camera_follow_settings(struct shade_thread *t);
+/* Whether the first image was shown by a coarse view and the complete one, which is being computed, needs all
+ * processors. */
+bool camera_is_completed(const struct shade_thread *t);
 void camera_finish(struct shade_thread *t); /* frees all views and relighters */
 
 /* ---- probe.c ---- */

@@ -223,6 +223,9 @@ static void note_plan(struct server_figures *f, const struct picture_report *rep
         append(f->paths, size, between, "interreflection by %s", plan_estimator_name(p->indirect));
     for (uint32_t k = 0; k < p->left_out_count; k++)
         append(f->left_out, sizeof(f->left_out), "; ", "%s", p->left_out[k]);
+    if (report->coarse)
+        append(f->left_out, sizeof(f->left_out), "; ",
+               "all camera rays but one per pixel (edges and glass are coarse until the view is complete)");
 }
 
 void status_frame_received(struct status_board *b, const struct image_faults *faults, bool replaced)

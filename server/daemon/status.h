@@ -64,6 +64,7 @@ struct picture_report {
     const struct relight_stats *stats;
     const struct pilot_stats *pilot; /* NULL: the pilot did not choose */
     double interval_s;               /* 0: the first image */
+    bool coarse;                     /* of a first view whose camera rays are not complete */
 };
 /* Adds the report to the figures and publishes them. Keeps no pointers. Thread: shade. */
 void status_picture_shaded(struct status_board *b, const struct picture_report *report);

@@ -301,7 +301,7 @@ void decider_learn(struct decider *d, struct relighter *r, const struct frame_re
         note_denoised(d, decision->light.glide);
         if (d->cache.begun)
             follow_cache(d, r, request);
-        else
+        else if (!request->no_cache)
             get_cache(d, r, request, false);
         return;
     }

@@ -40,6 +40,7 @@ struct set {
     double load_ms, bvh_ms, gbuffer_ms;
     double gbuffer_cost_s; /* processor time per thread */
     bool borrowed;         /* scene and rays belong to another set */
+    bool coarse;           /* by set_desc.soon: one camera ray per pixel */
 };
 
 struct set_desc {
@@ -52,6 +53,8 @@ struct set_desc {
     uint32_t width, height;
     uint32_t edge_rays;            /* per side; 0: the default of gbuffer.h */
     bool every_pixel;              /* trace the edge rays in all pixels */
+    bool soon;                     /* for a first image: if the scene has glass, whose rays branch, one camera ray per
+                                      pixel, until set_create_complete; not with every_pixel */
     uint32_t interleave;           /* sets of light samples among neighbouring pixels, per side: gbuffer.h; 0: 1 */
     const struct kernels *kernels; /* whose CPU level limits Embree; NULL: the best of this CPU */
     bool progress;                 /* show a progress line on standard error, if that is a terminal */
@@ -61,6 +64,13 @@ struct set_desc {
  * gbuffer_create; ERR_USAGE: no such camera. */
 MUST_CHECK enum err set_create(const struct set_desc *desc, struct set **out, struct reason *why);
 void set_destroy(struct set *s); /* NULL is allowed */
+
+/* Creates the complete set, of the same view, for a coarse one; desc as for that, without `soon`. Otherwise like
+ * set_create_view. */
+MUST_CHECK enum err set_create_complete(const struct set *coarse, const struct set_desc *desc, struct progress *line,
+                                        struct set **out, struct reason *why);
+/* Scene and rays, which `to` borrows from `from`, become its own: `from` may now go first. */
+void set_hand_over(struct set *from, struct set *to);
 
 /* Creates a set for another camera (desc->camera) of the same scene: builds only the G-buffer and borrows scene and
  * rays from `of`, which must outlive the set. line is stepped once per row; the caller begins and ends it. Errors are
@@ -155,6 +165,9 @@ const struct set *relighter_set(const struct relighter *r); /* as created; borro
 /* Prepares what desc's method needs before its first frame, optionally with a progress line, in *ms milliseconds.
  * Otherwise relighter_run does it. Errors are those of relighter_run. */
 MUST_CHECK enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc, bool progress, double *ms);
+
+/* Whether a cache of such a set, or of another camera's, may be kept on disk. Any thread. */
+bool relight_may_be_kept(const struct set_desc *set, const struct relight_desc *desc);
 
 /* Progress of a cache's computation, roughly in proportion to time. From RELIGHT_COARSE on the cache can make pictures.
  * Without interreflection, all direct light is available coarsely then; with it, rough interreflection is available and

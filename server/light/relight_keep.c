@@ -9,6 +9,13 @@
 
 #include <string.h>
 
+bool relight_may_be_kept(const struct set_desc *set, const struct relight_desc *desc)
+{
+    const struct cache_view view = { set->scene ? set->scene : "", NULL, set->width, set->height };
+
+    return cache_place_may_have(&view, desc->cache_file, desc->cache_dir);
+}
+
 void relight_keep_init(struct relight_keep *k, const struct set *set, const struct kernels *kernels,
                        const struct relight_desc *desc, const struct transport_desc *transport)
 {

@@ -52,7 +52,7 @@ static enum err choose_camera(const struct set *s, const struct set_desc *desc, 
 {
     if (desc->camera && free_view_is(desc->camera)) {
         const enum err e = free_view_read(desc->camera, out, why);
-        return e || s->borrowed ? e : view_change_apply(&desc->change, out, why);
+        return e ? e : view_change_apply(&desc->change, out, why);
     }
     const struct camera *camera = scene_camera(s->scene, desc->camera);
     char names[300];
@@ -62,7 +62,15 @@ static enum err choose_camera(const struct set *s, const struct set_desc *desc, 
         return err_say(why, ERR_USAGE, "%s: there is no camera '%s'; expected %s", s->name, desc->camera, names);
     }
     *out = *camera;
-    return s->borrowed ? ERR_OK : view_change_apply(&desc->change, out, why);
+    return view_change_apply(&desc->change, out, why);
+}
+
+static bool has_glass(const struct scene *s)
+{
+    for (size_t i = 0; i < s->material_count; i++)
+        if (s->materials[i].kind == MATERIAL_GLASS && !s->materials[i].thin)
+            return true;
+    return false;
 }
 
 static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct progress *line, struct reason *why)
@@ -73,11 +81,12 @@ static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct
     if (e)
         return e;
     const double start = clock_seconds(), used = clock_processor();
+    s->coarse = desc->soon && desc->edge_rays != 1 && !desc->every_pixel && has_glass(s->scene);
     const struct gbuffer_desc g = {
         .camera = &camera,
         .width = desc->width,
         .height = desc->height,
-        .edge_rays = desc->edge_rays,
+        .edge_rays = s->coarse ? 1 : desc->edge_rays,
         .every_pixel = desc->every_pixel,
         .interleave = desc->interleave,
         .progress = line,
@@ -124,8 +133,8 @@ enum err set_create(const struct set_desc *desc, struct set **out, struct reason
     return ERR_OK;
 }
 
-enum err set_create_view(const struct set *of, const struct set_desc *desc, struct progress *line, struct set **out,
-                         struct reason *why)
+enum err set_create_complete(const struct set *of, const struct set_desc *desc, struct progress *line, struct set **out,
+                             struct reason *why)
 {
     *out = NULL;
     struct set *s = mem_alloc(1, sizeof(*s));
@@ -135,6 +144,8 @@ enum err set_create_view(const struct set *of, const struct set_desc *desc, stru
     memcpy(s->file, of->file, sizeof(s->file));
     s->scene = of->scene;
     s->rays = of->rays;
+    s->load_ms = of->load_ms;
+    s->bvh_ms = of->bvh_ms;
     s->borrowed = true;
     const enum err e = build_gbuffer(s, desc, line, why);
     if (e) {
@@ -143,6 +154,21 @@ enum err set_create_view(const struct set *of, const struct set_desc *desc, stru
     }
     *out = s;
     return ERR_OK;
+}
+
+enum err set_create_view(const struct set *of, const struct set_desc *desc, struct progress *line, struct set **out,
+                         struct reason *why)
+{
+    struct set_desc own = *desc;
+
+    own.change = (struct view_change){ .has_position = false };
+    return set_create_complete(of, &own, line, out, why);
+}
+
+void set_hand_over(struct set *from, struct set *to)
+{
+    from->borrowed = true;
+    to->borrowed = false;
 }
 
 void set_destroy(struct set *s)

@@ -182,6 +182,81 @@ static void a_still_image_is_lit_again_until_the_cache_is_complete(void **state)
     rig_end(&r);
 }
 
+/* A frame's next picture. */
+static void await_picture(struct rig *r, float *rgb, bool *new_view)
+{
+    struct shaded *p = rig_picture(r, TURNS);
+
+    assert_non_null(p);
+    *new_view = p->new_view;
+    memcpy(rgb, p->rgb, sizeof(float) * 3 * WIDTH * HEIGHT);
+    rig_release(r, p);
+}
+
+static void the_first_image_of_glass_is_coarse_and_the_second_complete(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--scene", RING, "--cache-dir", "off", NULL };
+    static float coarse[3 * WIDTH * HEIGHT], complete[3 * WIDTH * HEIGHT];
+    bool new_view;
+    struct rig r;
+
+    rig_begin(&r, flags);
+    rig_load(&r);
+    for (int i = 0; i < 3; i++) /* no frame is there yet, and no other view is begun before it */
+        rig_turn(&r);
+    assert_true(r.shade->set->coarse && !r.shade->camera.running);
+    light(&r, 1, false, coarse);
+    assert_true(r.shade->set->coarse && !r.shade->decider.cache.begun); /* a cache of it would serve nobody */
+    assert_non_null(strstr(fake_figures().left_out, "one per pixel"));
+    await_picture(&r, complete, &new_view);
+    assert_true(new_view && !r.shade->set->coarse && r.shade->set == r.shade->first_set);
+    assert_true(r.shade->set->gbuffer->edge_pixels > 0 && !r.shade->set->borrowed);
+    assert_memory_not_equal(coarse, complete, sizeof(coarse));
+    assert_null(strstr(fake_figures().left_out, "one per pixel"));
+    assert_true(r.shade->decider.cache.begun);
+    rig_end(&r);
+}
+
+static void a_coarse_first_view_that_was_left_is_completed_on_return(void **state)
+{
+    (void)state;
+    static const char *const flags[] = { "--scene", RING, "--cache-dir", "off", NULL };
+    static float rgb[3 * WIDTH * HEIGHT];
+    struct rig r;
+
+    rig_begin(&r, flags);
+    rig_load(&r);
+    ask("\"camera\": \"@1,2,3;0,0,0;40\"");
+    light(&r, 1, false, rgb);
+    for (int i = 0; i < TURNS && r.shade->set == r.shade->first_set; i++)
+        rig_turn(&r);
+    assert_true(r.shade->set != r.shade->first_set && r.shade->first_set->coarse);
+    ask("\"camera\": \"main\"");
+    for (int i = 0; i < TURNS && r.shade->set != r.shade->first_set; i++)
+        rig_turn(&r);
+    assert_true(r.shade->set == r.shade->first_set && !r.shade->set->coarse && !r.shade->coarse_view);
+    rig_end(&r);
+}
+
+static void only_live_images_of_auto_begin_coarse(void **state)
+{
+    (void)state;
+    static const char *const flags[][6] = {
+        { "--scene", RING, "--source", "push:", NULL }, { "--scene", RING, "--samples", "8", NULL },
+        { "--scene", RING, "--method", "mis", NULL },   { "--scene", RING, "--caustics", "stored", NULL },
+        { "--scene", RING, "--edge-rays", "1", NULL },  { "--cache-dir", "off", NULL },
+    };
+    struct rig r;
+
+    for (size_t k = 0; k < sizeof(flags) / sizeof(flags[0]); k++) {
+        rig_begin(&r, flags[k]);
+        rig_load(&r);
+        assert_false(r.shade->set->coarse || r.shade->coarse_view);
+        rig_end(&r);
+    }
+}
+
 static void nobody_watching_is_no_reason_to_refine(void **state)
 {
     (void)state;
@@ -431,6 +506,9 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(another_camera_lights_the_standing_frame_anew),
     cmocka_unit_test(a_still_image_refines_and_stops),
     cmocka_unit_test(a_still_image_is_lit_again_until_the_cache_is_complete),
+    cmocka_unit_test(the_first_image_of_glass_is_coarse_and_the_second_complete),
+    cmocka_unit_test(a_coarse_first_view_that_was_left_is_completed_on_return),
+    cmocka_unit_test(only_live_images_of_auto_begin_coarse),
     cmocka_unit_test(nobody_watching_is_no_reason_to_refine),
     cmocka_unit_test(lamps_are_scaled_without_lighting_the_frame_again),
     cmocka_unit_test(refinement_leaves_the_lamps_as_they_are),

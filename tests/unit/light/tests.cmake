@@ -26,6 +26,7 @@ target_compile_definitions(test_light_test_splats PRIVATE RING="${CMAKE_SOURCE_D
 unit_test(light test_still compare OpenMP::OpenMP_C Threads::Threads)
 unit_test(light test_decide)
 unit_test(light test_set_view)
+target_compile_definitions(test_light_test_set_view PRIVATE RING="${CMAKE_SOURCE_DIR}/docs/examples/ring.json")
 nomem_test(light test_nomem OpenMP::OpenMP_C)
 target_compile_definitions(test_light_test_nomem PRIVATE RING="${CMAKE_SOURCE_DIR}/docs/examples/ring.json")
 unit_test(light test_lists)
