@@ -4,10 +4,8 @@
 #include "base/cancel.h"
 #include "base/mem.h"
 #include "base/denormals.h"
-#include "brdf/lobe.h"
-#include "base/rng.h"
+#include "brdf/path_ray.h"
 #include "env/samples.h"
-#include "scene/scatter.h"
 #include "base/vec.h"
 
 #include <assert.h>
@@ -35,11 +33,8 @@ struct record { /* of one packet */
 struct walk {
     const struct frame_paths *frame;
     uint32_t classes;
-    struct vec3 origin, dir; /* of the next ray */
-    double weight[3];        /* product of BRDF x cosine / probability so far, and of n^2 */
-    double density;          /* sr^-1: probability of continuing along dir from the last rough surface */
-    bool met_rough;          /* scattered by a rough lobe since the shading point */
-    bool specular;           /* scattered by a delta lobe since the last rough one */
+    struct path_ray ray; /* the next one */
+    bool met_rough;      /* scattered by a rough lobe since the shading point */
     uint32_t events;
     double sky[2]; /* numbers of the first light sample */
     bool sky_used;
@@ -52,25 +47,25 @@ struct walk {
 static void add(struct walk *w, const double brdf[3], double scale, const float rgb[3])
 {
     for (int c = 0; c < 3; c++)
-        w->sum[c] += w->weight[c] * (brdf ? brdf[c] : 1.0) * scale * rgb[c];
+        w->sum[c] += w->ray.weight[c] * (brdf ? brdf[c] : 1.0) * scale * rgb[c];
 }
 
 static void record_end(const struct walk *w)
 {
     struct eye_path_end *end = &w->record->ends[w->record->count++];
 
-    *end = (struct eye_path_end){ { w->dir.x, w->dir.y, w->dir.z }, { 0.0f }, w->record->lane };
+    *end = (struct eye_path_end){ { w->ray.dir.x, w->ray.dir.y, w->ray.dir.z }, { 0.0f }, w->record->lane };
     for (int c = 0; c < 3; c++)
-        end->weight[c] = (float)w->weight[c];
+        end->weight[c] = (float)w->ray.weight[c];
 }
 
 /* The ray left the scene. */
 static void escape(struct walk *w)
 {
-    const uint32_t class = w->met_rough  ? (w->specular ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT_LIT)
-                           : w->specular ? PATH_CAUSTICS
-                                         : PATH_DIRECT;
-    const float dir[3] = { w->dir.x, w->dir.y, w->dir.z };
+    const uint32_t class = w->met_rough      ? (w->ray.specular ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT_LIT)
+                           : w->ray.specular ? PATH_CAUSTICS
+                                             : PATH_DIRECT;
+    const float dir[3] = { w->ray.dir.x, w->ray.dir.y, w->ray.dir.z };
     float rgb[3];
 
     if (!(w->classes & class))
@@ -80,7 +75,7 @@ static void escape(struct walk *w)
         return;
     }
     const double light = environment_sample_density(w->frame->environment, dir, rgb);
-    add(w, NULL, w->specular ? 1.0 : w->density / (w->density + light), rgb);
+    add(w, NULL, w->ray.specular ? 1.0 : w->ray.density / (w->ray.density + light), rgb);
 }
 
 /* Next event estimation at a rough surface that continues along its lobe with probability `keep`. The density of the
@@ -107,78 +102,20 @@ static void sample_sky(struct walk *w, const struct lobe *lobe, struct vec3 wo, 
     add(w, brdf, vec3_dot_double(lobe->shading, wi) / ((double)light + keep * lobe_density(lobe, wo, wi)), rgb);
 }
 
-/* Continues along the lobe, which happens with probability `keep`. False: no contribution is possible. */
-static bool follow_lobe(struct walk *w, const struct lobe *lobe, struct vec3 wo, struct vec3 start, const double x[3],
-                        double keep)
-{
-    double weight[3];
-
-    w->dir = lobe_sample(lobe, wo, x);
-    w->origin = start;
-    w->specular = false;
-    w->density = keep * lobe_density(lobe, wo, w->dir);
-    if (!lobe_weight(lobe, wo, w->dir, w->density, weight))
-        return false;
-    for (int c = 0; c < 3; c++)
-        w->weight[c] *= weight[c];
-    return true;
-}
-
-static void follow_delta(struct walk *w, const struct delta_ray *ray, double keep)
-{
-    w->origin = ray->origin;
-    w->dir = ray->dir;
-    w->specular = true;
-    for (int c = 0; c < 3; c++)
-        w->weight[c] *= ray->weight[c] * ray->radiance_scale / keep;
-}
-
-static double mean3(const float w[3])
-{
-    return (w[0] + w[1] + w[2]) / 3.0;
-}
-
-/* Handles a hit: collects its light and continues by one lobe. False: the path ends. */
+/* Handles a hit: collects its light and continues by one lobe. False: the path ends. There is no further roulette than
+ * path_fork's: paths without loss, between mirrors or in glass, are rare, and thinning them would add noise. */
 static bool meet(struct walk *w, const struct hit *h)
 {
     struct scatter at;
-    struct delta_ray rays[2];
-    double share[3] = { 0.0, 0.0, 0.0 }; /* of the rough lobe and of the delta rays */
+    struct path_fork fork;
 
-    scatter_at(w->frame->scene, w->frame->rays, h, w->dir, &at);
-    for (int c = 0; c < 3; c++)
-        w->weight[c] *= (double)at.weight;
-    const uint32_t count = scatter_eye(&at, w->dir, rays);
-    const struct lobe lobe = lobe_of(&at);
-    const struct vec3 wo = scatter_side(&at, vec3_scale(w->dir, -1.0f)), start = surface_start(&at.surface, 1.0f);
+    scatter_at(w->frame->scene, w->frame->rays, h, w->ray.dir, &at);
     const bool rough = at.rough && (w->classes & PATH_INDIRECT);
-    if (rough)
-        share[0] = lobe_albedo(&lobe, wo);
-    for (uint32_t i = 0; i < count; i++)
-        share[1 + i] = mean3(rays[i].weight);
-    const double total = share[0] + share[1] + share[2];
-    if (!(total > 0.0))
+    if (!path_fork_at(&w->ray, &at, rough, &fork))
         return false;
-    /* Each continuation is selected with its share of the throughput; what is missing to 1 is Russian roulette. There
-     * is no further roulette: paths without loss, between mirrors or in glass, are rare, and thinning them would add
-     * noise. */
-    const double scale = fmin(1.0, 1.0 / total);
     if (rough && (w->classes & PATH_INDIRECT_LIT))
-        sample_sky(w, &lobe, wo, start, share[0] * scale);
-    const double pick = rng_next(&w->rng) / scale;
-    if (pick < share[0]) {
-        double x[3];
-        for (int k = 0; k < 3; k++)
-            x[k] = rng_next(&w->rng);
-        w->met_rough = true;
-        return follow_lobe(w, &lobe, wo, start, x, share[0] * scale);
-    }
-    for (uint32_t i = 0; i < count; i++)
-        if (pick < share[0] + share[1] + (i ? share[2] : 0.0)) {
-            follow_delta(w, &rays[i], share[1 + i] * scale);
-            return true;
-        }
-    return false;
+        sample_sky(w, &fork.lobe, fork.wo, fork.start, fork.share[0] * fork.scale);
+    return path_fork_take(&w->ray, &fork, &w->rng, &w->met_rough);
 }
 
 /* Traces the path from its first ray, whose direction is set. */
@@ -187,7 +124,7 @@ static void walk_on(struct walk *w)
     for (;;) {
         struct hit h;
         w->rays++;
-        if (!rays_intersect(w->frame->rays, w->origin, w->dir, 0.0f, &h)) {
+        if (!rays_intersect(w->frame->rays, w->ray.origin, w->ray.dir, 0.0f, &h)) {
             escape(w);
             return;
         }
@@ -225,14 +162,15 @@ static uint64_t shade_point(const struct frame_paths *f, const struct shade_pack
         double x[NUMBER_COUNT];
         for (int k = 0; k < NUMBER_COUNT; k++)
             x[k] = rng_unit(f->numbers[i][k] ^ shift[k]);
-        w.weight[0] = w.weight[1] = w.weight[2] = 1.0;
+        w.ray.weight[0] = w.ray.weight[1] = w.ray.weight[2] = 1.0;
         const double before[3] = { w.sum[0], w.sum[1], w.sum[2] };
         w.met_rough = w.sky_used = false;
         w.events = 0;
         w.sky[0] = x[NUMBER_SKY_X];
         w.sky[1] = x[NUMBER_SKY_Y];
         w.rng.state = rng_mix(f->path_seed, point * f->paths + i);
-        if (follow_lobe(&w, &lobe, wo, at, (const double[]){ x[NUMBER_LOBE], x[NUMBER_POLAR], x[NUMBER_AZIMUTH] }, 1.0))
+        if (path_ray_follow(&w.ray, &lobe, wo, at,
+                            (const double[]){ x[NUMBER_LOBE], x[NUMBER_POLAR], x[NUMBER_AZIMUTH] }, 1.0))
             walk_on(&w);
         limit(&w, before);
     }
