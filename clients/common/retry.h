@@ -5,7 +5,6 @@
 #include "base/rng.h"
 
 #include <stdbool.h>
-#include <stdint.h>
 
 #define RETRY_FIRST_MS 500
 #define RETRY_MOST_MS 10000 /* also what "later" waits at least */

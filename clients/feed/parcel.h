@@ -6,8 +6,6 @@
 #include "codec/image.h"
 #include "protocol/relight_protocol.h"
 
-#include <stdbool.h>
-
 enum raw {
     RAW_NOT, /* files are sent as they are; texels as floats */
     RAW_HALF,

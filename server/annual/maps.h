@@ -7,7 +7,6 @@
 #include "annual/points.h"
 #include "base/err.h"
 
-#include <stddef.h>
 #include <stdint.h>
 
 /* Days to the right, hours downwards from midnight; dark hours are grey. column: of the rows. span: hours of a row. */

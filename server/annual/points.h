@@ -8,7 +8,6 @@
 #include "scene/sensors.h"
 
 #include <stddef.h>
-#include <stdint.h>
 
 #define POINTS_MAX 20000
 

@@ -16,8 +16,6 @@
  * control. All random numbers follow from the seed, the key and the number of rounds since audit_forget. */
 #pragma once
 
-#include "base/err.h"
-
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdint.h>

@@ -6,7 +6,6 @@
 #include "light/decide.h"
 #include "light/relight.h"
 
-#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 

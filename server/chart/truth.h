@@ -12,7 +12,6 @@
 #include "codec/frame.h"
 #include "light/relight.h"
 
-#include <stdbool.h>
 #include <stdint.h>
 
 struct progress;

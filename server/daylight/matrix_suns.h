@@ -10,8 +10,6 @@
 #include "daylight/sky_matrix.h"
 
 #include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
 
 struct matrix_sun {
     double normal; /* irradiance at normal incidence, W m^-2; 0: none in this step */

@@ -4,8 +4,6 @@
  * Thread: any. */
 #pragma once
 
-#include <stdint.h>
-
 struct sky_pattern {
     double a, b, base, c, d, e;
 };

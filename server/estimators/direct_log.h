@@ -3,7 +3,6 @@
  * its arrays. */
 #pragma once
 
-#include "base/err.h"
 #include "env/samples.h"
 
 #include <stdbool.h>

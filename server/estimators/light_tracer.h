@@ -24,7 +24,6 @@
 #include "scene/view.h"
 
 #include <stdatomic.h>
-#include <stdbool.h>
 #include <stdint.h>
 
 /* Default of starts_per_direction. On the ring scene, the variance of an image is the same within measurement error

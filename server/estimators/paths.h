@@ -11,10 +11,6 @@
  *                                       eye_paths.h */
 #pragma once
 
-#include "base/err.h"
-
-#include <stdint.h>
-
 enum path_class { /* bits */
                   PATH_BACKGROUND = 1,
                   PATH_DIRECT = 2,

@@ -3,7 +3,6 @@
  * time; runs on all OpenMP threads, and the result does not depend on their number. */
 #pragma once
 
-#include "base/err.h"
 #include "scene/gbuffer.h"
 #include "scene/rays.h"
 #include "scene/scene.h"

@@ -13,7 +13,6 @@
 #include "scene/gbuffer.h"
 #include "estimators/kernels.h"
 #include "estimators/light_tracer.h"
-#include "estimators/paths.h"
 #include "choose/plan.h"
 #include "reader/reader.h"
 #include "scene/rays.h"

@@ -7,7 +7,6 @@
 
 #include "estimators/direct.h"
 #include "estimators/direct_log.h"
-#include "estimators/paths.h"
 #include "scene/scatter.h"
 #include "scene/view.h"
 

@@ -2,7 +2,6 @@
  * The scene owns its arrays. Immutable after loading. Thread: any number may read. */
 #pragma once
 
-#include "base/err.h"
 #include "scene/material.h"
 #include "scene/texture.h"
 #include "base/vec.h"

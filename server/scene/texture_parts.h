@@ -3,6 +3,4 @@
 
 #include "scene/texture.h"
 
-#include <stdbool.h>
-
 extern const float texture_srgb[256]; /* linear values of sRGB bytes, rising from 0 to 1 */

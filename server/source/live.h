@@ -2,7 +2,6 @@
  * connection is retried with growing delays. Private to this room. Thread: one per live, beside its own. */
 #pragma once
 
-#include "base/setting.h"
 #include "source/footage.h"
 
 struct live;
