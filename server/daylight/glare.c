@@ -38,8 +38,7 @@ struct source_sum {
 };
 
 /* Takes the pixels that hang together with `first`; marks them in `taken`. stack: room for all pixels. */
-static void collect(const struct glare_desc *d, double threshold, uint32_t first, uint8_t *taken, uint32_t *stack,
-                    struct source_sum *out)
+static void collect(const struct glare_desc *d, uint32_t first, uint8_t *taken, uint32_t *stack, struct source_sum *out)
 {
     uint32_t depth = 0;
 
@@ -57,7 +56,7 @@ static void collect(const struct glare_desc *d, double threshold, uint32_t first
             if (nx < 0 || ny < 0 || nx >= d->width || ny >= d->height)
                 continue;
             const uint32_t to = (uint32_t)(ny * d->width + nx);
-            if (taken[to] || !(d->solid_angle[to] > 0.0f) || !(d->luminance[to] >= threshold))
+            if (taken[to] || !(d->solid_angle[to] > 0.0f) || !(d->luminance[to] >= GLARE_THRESHOLD))
                 continue;
             taken[to] = 1;
             stack[depth++] = to;
@@ -78,7 +77,6 @@ static double weigh(const struct glare_desc *d, const struct source_sum *s)
 enum err glare_measure(const struct glare_desc *d, struct glare *out)
 {
     const uint32_t pixels = d->width * d->height;
-    const double threshold = d->threshold > 0.0 ? d->threshold : GLARE_THRESHOLD;
     uint8_t *taken = mem_alloc(pixels, 1);
     uint32_t *stack = mem_alloc(pixels, sizeof(*stack));
     enum err e = taken && stack ? ERR_OK : ERR_NOMEM;
@@ -90,10 +88,10 @@ enum err glare_measure(const struct glare_desc *d, struct glare *out)
         const double cosine = dot3(w, d->ahead);
         if (cosine > 0.0)
             out->vertical_lux += cosine * d->solid_angle[i] * d->luminance[i];
-        if (taken[i] || !(d->solid_angle[i] > 0.0f) || !(d->luminance[i] >= threshold))
+        if (taken[i] || !(d->solid_angle[i] > 0.0f) || !(d->luminance[i] >= GLARE_THRESHOLD))
             continue;
         struct source_sum s = { .sr = 0.0 };
-        collect(d, threshold, i, taken, stack, &s);
+        collect(d, i, taken, stack, &s);
         sum += weigh(d, &s);
         bright += s.lum;
         out->source_sr += s.sr;

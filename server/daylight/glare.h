@@ -16,7 +16,6 @@ struct glare_desc {
     const float *solid_angle;    /* [height][width], sr; 0 outside the view */
     const float (*direction)[3]; /* [height][width], unit, from the eye */
     double ahead[3], up[3];      /* unit: the line of sight, and up, perpendicular to it */
-    double threshold;            /* cd/m^2; 0: GLARE_THRESHOLD */
 };
 
 struct glare {

@@ -78,7 +78,7 @@ static struct particle_run run_of(const struct caustic_store *s, uint64_t paths,
         .cancel = cancel,
     };
 
-    particles_aim(&s->particles, true, 0, &run);
+    particles_aim(&s->particles, true, &run);
     return run;
 }
 
@@ -132,7 +132,7 @@ static enum err draw_part(struct caustic_store *s, uint64_t number, const atomic
 
     p->number = 0;
     s->found_count = 0;
-    run.first_direction = number * (s->per_part / run.starts);
+    run.first_direction = number * (s->per_part / STARTS_PER_DIRECTION);
     enum err e = particles_trace(&s->particles, &run, keep, s, &stats);
     s->stats.rays += stats.rays;
     if (e || is_cancelled(cancel))

@@ -53,8 +53,7 @@ enum err light_tracer_run(struct light_tracer *t, const struct environment *e, c
     const bool aimed = !(desc->classes & PATH_INDIRECT_LIT);
     const bool apart = desc->ground && t->particles.scene->ground.radius > 0.0f;
 
-    assert(e->ready && desc->starts_per_direction <= STARTS_PER_DIRECTION_MAX);
-    assert(desc->classes && !(desc->classes & ~(uint32_t)(PATH_CAUSTICS | PATH_INDIRECT)));
+    assert(e->ready && desc->classes && !(desc->classes & ~(uint32_t)(PATH_CAUSTICS | PATH_INDIRECT)));
     *stats = (struct light_tracer_stats){ 0 };
     if (desc->particles == 0 || (aimed && t->particles.caster_count == 0))
         return ERR_OK;
@@ -75,8 +74,8 @@ enum err light_tracer_run(struct light_tracer *t, const struct environment *e, c
         .ground_apart = apart,
         .cancel = desc->cancel,
     };
-    particles_aim(&t->particles, aimed, desc->starts_per_direction, &run);
-    run.first_direction = desc->pass * ((desc->particles + run.starts - 1) / run.starts);
+    particles_aim(&t->particles, aimed, &run);
+    run.first_direction = desc->pass * ((desc->particles + STARTS_PER_DIRECTION - 1) / STARTS_PER_DIRECTION);
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < (apart ? 2 * values : values); i++)
         t->sum[i] = 0.0;

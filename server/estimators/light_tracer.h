@@ -26,10 +26,9 @@
 #include <stdatomic.h>
 #include <stdint.h>
 
-/* Default of starts_per_direction. On the ring scene, the variance of an image is the same within measurement error
+/* Lines per direction. On the ring scene, the variance of an image is the same within measurement error
  * from 1 to 64, under a sun and under an overcast sky, and a particle takes half as long at 16 as at 1. */
 #define STARTS_PER_DIRECTION 16
-#define STARTS_PER_DIRECTION_MAX 1024
 
 struct progress_part;
 struct light_tracer;
@@ -45,7 +44,6 @@ struct light_tracer_desc {
     uint64_t seed, pass; /* determine all random numbers; the passes of a seed with the same N continue one
                             low-discrepancy sequence, so that their mean converges faster */
     enum start_kind start;
-    uint32_t starts_per_direction; /* 1..STARTS_PER_DIRECTION_MAX; 0: the default */
     float *ground; /* float[height][width][3]: receives light on the ground (scene/ground.h); NULL: rgb receives it */
     const struct sky_split *bright; /* of this frame: only its bright part emits light; NULL: the whole sky */
     struct progress_part *progress; /* stepped by one for each PARTICLES_A_STEP; may be NULL */

@@ -50,12 +50,11 @@ void particles_finish(struct particles *p)
     mem_free(p->casters);
 }
 
-void particles_aim(const struct particles *p, bool aimed, uint32_t starts_per_direction, struct particle_run *run)
+void particles_aim(const struct particles *p, bool aimed, struct particle_run *run)
 {
     run->world = p;
     run->boxes = aimed ? p->casters : &p->bounds;
     run->box_count = aimed ? p->caster_count : 1;
-    run->starts = starts_per_direction ? starts_per_direction : STARTS_PER_DIRECTION;
 }
 
 static double luminance(const double rgb[3])
@@ -306,8 +305,8 @@ static bool draw_direction(const struct particle_run *run, const double x[2], fl
 /* Traces all particles of direction number `direction` of the run. */
 static void follow_direction(const struct particle_run *run, uint64_t direction, struct particle_batch *b)
 {
-    const uint64_t first = direction * run->starts, number = run->first_direction + direction;
-    const uint64_t last = first + run->starts < run->particles ? first + run->starts : run->particles;
+    const uint64_t first = direction * STARTS_PER_DIRECTION, number = run->first_direction + direction;
+    const uint64_t last = first + STARTS_PER_DIRECTION < run->particles ? first + STARTS_PER_DIRECTION : run->particles;
     double x[2], density;
     float w[3], rgb[3], pdf;
     struct start start;
@@ -317,7 +316,7 @@ static void follow_direction(const struct particle_run *run, uint64_t direction,
         return;
     start_init(&start, run->start, run->boxes, run->box_count, &run->world->bounds, vec3_make(-w[0], -w[1], -w[2]));
     for (uint64_t i = first; i < last; i++) {
-        const uint64_t line = number * run->starts + (i - first);
+        const uint64_t line = number * STARTS_PER_DIRECTION + (i - first);
         struct particle p = { .dir = { -w[0], -w[1], -w[2] }, .rng = { rng_mix(run->seed ^ 0x70617468, line) } };
         line_numbers(run->seed ^ 0x6c696e65, line, x);
         b->stats.particles++;
@@ -363,8 +362,8 @@ enum err particles_trace(struct particles *p, const struct particle_run *run,
                          enum err (*take)(void *, const struct particle_splat *, size_t), void *user,
                          struct light_tracer_stats *stats)
 {
-    const uint64_t directions = (run->particles + run->starts - 1) / run->starts;
-    const uint64_t each = BATCH / run->starts, batches = (directions + each - 1) / each;
+    const uint64_t directions = (run->particles + STARTS_PER_DIRECTION - 1) / STARTS_PER_DIRECTION;
+    const uint64_t each = BATCH / STARTS_PER_DIRECTION, batches = (directions + each - 1) / each;
 
     for (uint64_t begun = 0; begun < batches; begun += PARTICLE_ROUND) {
         const uint32_t count = (uint32_t)(batches - begun < PARTICLE_ROUND ? batches - begun : PARTICLE_ROUND);
@@ -373,7 +372,7 @@ enum err particles_trace(struct particles *p, const struct particle_run *run,
             const uint64_t first = (begun + k) * each, last = first + each < directions ? first + each : directions;
             if (!is_cancelled(run->cancel))
                 run_batch(run, first, last, &p->batches[k]);
-            progress_part_step(run->progress, (last - first) * run->starts / PARTICLES_A_STEP);
+            progress_part_step(run->progress, (last - first) * STARTS_PER_DIRECTION / PARTICLES_A_STEP);
         }
         if (is_cancelled(run->cancel))
             return ERR_OK;

@@ -45,7 +45,7 @@ struct particle_run { /* common to all particles of a run */
     enum start_kind start;
     struct progress_part *progress; /* may be NULL */
     uint32_t shown;                 /* the classes to splat, a part of `classes` */
-    uint32_t classes, starts;       /* starts per direction */
+    uint32_t classes;
     uint64_t particles, first_direction, seed;
     double per_particle; /* N: every flux is divided by it */
     bool ground_apart;   /* splats on the ground (scene/ground.h) count for pixel + width * height */
@@ -57,8 +57,8 @@ MUST_CHECK bool particles_init(struct particles *p, const struct scene *scene, c
                                const struct view *view);
 void particles_finish(struct particles *p); /* frees the memory */
 
-/* Sets world, boxes and starts per direction (0: the default): `aimed` at the casters, else at the scene. */
-void particles_aim(const struct particles *p, bool aimed, uint32_t starts_per_direction, struct particle_run *run);
+/* Sets world and boxes: `aimed` at the casters, else at the scene. */
+void particles_aim(const struct particles *p, bool aimed, struct particle_run *run);
 
 /* Traces the run on all OpenMP threads. `take` receives the splats in an order that does not depend on the threads; an
  * error that it returns ends the run. Adds to *stats. Cancelled: ERR_OK, with some of the splats taken. ERR_NOMEM. */

@@ -29,7 +29,7 @@ struct footage {
     bool await_key;   /* until the next keyframe, packets cannot be decoded */
     int64_t least_us; /* earlier pictures are passed over; VIDEO_NO_TIME: none */
     int64_t time_us;
-    uint64_t packets, pictures, damaged; /* since the start */
+    uint64_t packets, pictures; /* since the start */
     bool told_damage, told_colour;
 };
 
@@ -92,7 +92,7 @@ static enum err connect(struct footage *f, struct reason *why)
     f->opened = f->has_next = false;
     f->await_key = true;
     f->least_us = f->time_us = VIDEO_NO_TIME;
-    f->packets = f->pictures = f->damaged = 0;
+    f->packets = f->pictures = 0;
     enum err e = demux_open(&(struct demux_desc){ .spec = f->desc.spec, .ca = f->desc.ca, .stop = f->desc.stop },
                             &f->demux, why);
     if (!e)
@@ -137,7 +137,6 @@ static enum err pass_over(struct footage *f, enum err e, const struct reason *fa
 {
     if (e == ERR_NOMEM || e == ERR_END)
         return err_say(why, e, "%s", fault->text);
-    f->damaged++;
     if (!f->told_damage)
         log_warning("%s; such packets are skipped", fault->text);
     f->told_damage = true;

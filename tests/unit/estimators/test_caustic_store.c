@@ -262,8 +262,8 @@ static void pixels_are_the_sums_of_their_splats(void **state)
     turn(store, 2);
     light(store, e, INFINITY, rgb);
     assert_true(particles_init(&particles, s.scene, s.rays, &s.view));
-    particles_aim(&particles, true, 0, &run);
-    run.first_direction = 2 * (paths / run.starts);
+    particles_aim(&particles, true, &run);
+    run.first_direction = 2 * (paths / STARTS_PER_DIRECTION);
     assert_int_equal(particles_trace(&particles, &run, sum_splats, &want, &stats), ERR_OK);
     assert_true(want.count > 1e4);
     assert_int_equal(caustic_store_stats(store)->splats, stats.splats);
