@@ -434,22 +434,24 @@ static double find_the_papers_point(const struct view *v)
  * points that have the sun's face behind them, with shadows. A sample is a ray there as in the paper, which shades all
  * that it chooses. Of rays that are really traced next to none are saved: what is behind the point is not traced here,
  * and that is just what the sixths waste. So is it in the closed form: printed, and held to a looser bound, since it
- * knows nothing of what the sequence gains. The mean of 128 points over 96 seeds is good to some 8 %. */
+ * knows nothing of what the sequence gains. The mean of 128 points over 96 seeds is good to some 8 %,
+ * over the 64 of each commit to 10 %. */
 static void figure_2_on_the_dragon(void **state)
 {
-    enum { SEEDS = 96, COUNTS = 3 };
+    enum { COUNTS = 3 };
+    const uint32_t seeds = seeds_count(64, 96);
     static const uint32_t counts[COUNTS] = { 60, 100, 150 };
     static struct spread even[COUNTS];
     (void)state;
     struct view v = view_load(480, 270, SKY);
     struct gbuffer part = take_points(&v, 8, true);
-    const struct spread by_shares = measure_spread(&v, &part, METHOD_FACES, 60, 0, SEEDS);
+    const struct spread by_shares = measure_spread(&v, &part, METHOD_FACES, 60, 0, seeds);
     double samples = 0.0, rays = 0.0, closed;
     assert_true(part.point_count >= 64);
     printf("faces 60: relative variance %.3e, %.1f rays, %.1f %% of the samples effective\n", by_shares.relative,
            by_shares.rays, 100.0 * by_shares.useful);
     for (int k = 0; k < COUNTS; k++) {
-        even[k] = measure_spread(&v, &part, METHOD_FACES_UNIFORM, counts[k], 0, SEEDS);
+        even[k] = measure_spread(&v, &part, METHOD_FACES_UNIFORM, counts[k], 0, seeds);
         printf("faces-uniform %u: relative variance %.3e, %.1f rays, %.1f %% effective\n", counts[k], even[k].relative,
                even[k].rays, 100.0 * even[k].useful);
         if (k > 0 && samples == 0.0 && (even[k].relative < by_shares.relative || k == COUNTS - 1)) {
