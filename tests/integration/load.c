@@ -35,8 +35,9 @@ struct watcher {
 
 static void daemon_start(struct daemon *d)
 {
-    static const char *const argv[] = { "relightd",  "--source", "push:",   "--port", "0",     "--size", "320x180",
-                                        "--samples", "4",        "--paths", "direct", "--fps", "60",     NULL };
+    static const char *const argv[] = { "relightd", "--source",    "push:", "--port",   "0",       "--size",
+                                        "320x180",  "--samples",   "1",     "--method", "uniform", "--paths",
+                                        "direct",   "--edge-rays", "1",     "--fps",    "60",      NULL };
     const char *bin = getenv("RELIGHT_BIN");
     char path[4096], text[4096] = "";
     size_t size = 0;
