@@ -15,7 +15,7 @@ const STILL = ['--source', 'sky:size=256x128,hour=9', '--frames', '2-2', '--once
 const MOVING = ['--source', 'sky:size=64x32,time=10:00,speed=20', '--fps', '10', '--samples', '4', '--method', 'mis'];
 
 async function withPage(args, body, options) {
-  const server = await startServer(RELIGHTD, ['--port', '0', '--size', `${WIDTH}x${HEIGHT}`, ...args]);
+  const server = await startServer(RELIGHTD, ['--port', '0', '--size', `${WIDTH}x${HEIGHT}`, '--edge-rays', '1', ...args]);
   const page = await openPage(chromium.browser, `${server.url}?coding=jpeg`, options);
   try {
     await page.waitForFunction(() => window.relight?.frames > 0 && window.relight.status?.frames?.used > 0, null, { timeout: 60000 });

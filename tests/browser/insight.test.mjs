@@ -12,7 +12,7 @@ const RELIGHTD = chromium.RELIGHT_RELIGHTD;
 
 // Without a cache, whose images come with no error.
 async function withPage(args, body, options) {
-  const server = await startServer(RELIGHTD, ['--port', '0', '--size', '64x36', '--allow-bias', '0', ...args]);
+  const server = await startServer(RELIGHTD, ['--port', '0', '--size', '64x36', '--allow-bias', '0', '--edge-rays', '1', ...args]);
   const page = await openPage(chromium.browser, `${server.url}?coding=jpeg`, options);
   try {
     await page.waitForFunction(() => window.relight?.frames > 0 && window.relight.status?.frames?.used > 0, null, { timeout: 60000 });

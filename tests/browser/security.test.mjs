@@ -22,7 +22,8 @@ const friend = await startSite();
 const stranger = await startSite();
 
 const server = await startServer(RELIGHT_RELIGHTD,
-  ['--port', '0', '--size', '96x54', '--samples', '4', '--fps', '10', '--source', 'sky:size=128x64,speed=0.5', '--embed-from', friend]);
+  ['--port', '0', '--size', '96x54', '--samples', '4', '--fps', '10', '--paths', 'direct', '--edge-rays', '1',
+    '--source', 'sky:size=128x64,speed=0.5', '--embed-from', friend]);
 after(() => server.stop());
 
 // A page with `page.violations`: the window's events, and the browser's messages for everything else.

@@ -12,11 +12,15 @@ const chromium = await beginTests([], () => (command ? undefined : 'RELIGHT_STRE
   ?? (command.includes('$RELIGHT_TEST_DATA') && !data ? 'RELIGHT_TEST_DATA is not set' : undefined));
 const [program, ...args] = JSON.parse(command).map((word) => word.replaceAll('$RELIGHT_TEST_DATA', data));
 
+// One page for all tests, in this order: opening one costs as much processor time as three seconds of images.
 let server;
+let page;
 before(async () => {
   server = await startServer(program, args);
+  page = await openPage(chromium.browser, server.url);
 });
 after(async () => {
+  await page?.close();
   await server?.stop();
 });
 
@@ -44,77 +48,59 @@ function tones({ data }) {
 }
 
 test('images of a lit scene arrive and move', async () => {
-  const page = await openPage(chromium.browser, server.url);
-  try {
-    await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
-    const pictures = [await readback(page)];
-    for (let i = 0; i < 8; i++) {
-      await untilFrames(page, 1, 120000);
-      pictures.push(await readback(page));
-    }
-    const last = pictures.at(-1);
-    for (const picture of pictures) {
-      const mean = meanOf(picture, 0, 1);
-      assert.ok(mean > 20 && mean < 235, `mean brightness ${mean.toFixed(1)} of frame ${picture.header.frame}`);
-      assert.ok(tones(picture) > 0.2, `${(tones(picture) * 256).toFixed(0)} tones only`);
-    }
-    // Sky and ground may be alike at some hour; eight bands of a lit scene are not.
-    const bands = Array.from({ length: 8 }, (_, k) => meanOf(last, k / 8, (k + 1) / 8));
-    const range = Math.max(...bands) - Math.min(...bands);
-    assert.ok(range > 5, `bands ${bands.map((b) => b.toFixed(1)).join(' ')} are alike`);
-    const share = moved(pictures[0], last);
-    console.log(`frames ${pictures[0].header.frame}..${last.header.frame}, ${last.width} x ${last.height}, mean brightness `
-      + `${meanOf(last, 0, 1).toFixed(1)}, bands differ by ${range.toFixed(1)}, ${(share * 100).toFixed(1)} % moved`);
-    // numbers rise, or restart where the sequence does; each image is another
-    assert.equal(new Set(pictures.map((p) => p.header.sequence)).size, pictures.length);
-    assert.ok(new Set(pictures.map((p) => p.header.frame)).size >= pictures.length / 2, 'the sky frames do not advance');
-    assert.ok(share > 0.01, `only ${(share * 100).toFixed(2)} % of the pixels changed`);
-    assert.deepEqual(page.faults, []);
-  } finally {
-    await page.close();
+  await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
+  const pictures = [await readback(page)];
+  for (let i = 0; i < 8; i++) {
+    await untilFrames(page, 1, 120000);
+    pictures.push(await readback(page));
   }
+  const last = pictures.at(-1);
+  for (const picture of pictures) {
+    const mean = meanOf(picture, 0, 1);
+    assert.ok(mean > 20 && mean < 235, `mean brightness ${mean.toFixed(1)} of frame ${picture.header.frame}`);
+    assert.ok(tones(picture) > 0.2, `${(tones(picture) * 256).toFixed(0)} tones only`);
+  }
+  // Sky and ground may be alike at some hour; eight bands of a lit scene are not.
+  const bands = Array.from({ length: 8 }, (_, k) => meanOf(last, k / 8, (k + 1) / 8));
+  const range = Math.max(...bands) - Math.min(...bands);
+  assert.ok(range > 5, `bands ${bands.map((b) => b.toFixed(1)).join(' ')} are alike`);
+  const share = moved(pictures[0], last);
+  console.log(`frames ${pictures[0].header.frame}..${last.header.frame}, ${last.width} x ${last.height}, mean brightness `
+    + `${meanOf(last, 0, 1).toFixed(1)}, bands differ by ${range.toFixed(1)}, ${(share * 100).toFixed(1)} % moved`);
+  // numbers rise, or restart where the sequence does; each image is another
+  assert.equal(new Set(pictures.map((p) => p.header.sequence)).size, pictures.length);
+  assert.ok(new Set(pictures.map((p) => p.header.frame)).size >= pictures.length / 2, 'the sky frames do not advance');
+  assert.ok(share > 0.01, `only ${(share * 100).toFixed(2)} % of the pixels changed`);
+  assert.deepEqual(page.faults, []);
 });
 
 test('the page describes what it shows, and how fast', async () => {
-  const page = await openPage(chromium.browser, server.url);
-  try {
-    await page.waitForFunction(() => window.relight?.frames > 2, null, { timeout: 120000 });
-    await page.waitForFunction(() => window.relight.status?.scene && window.relight.status?.samples > 0);
-    assert.match(await page.textContent('#about'), /^[^/]+ under [^/]+; \d+\u00a0×\u00a0\d+, \d+ samples per point, method \S+\.$/);
-    const { width, height, header } = await readback(page);
-    assert.deepEqual([width, height], [header.width, header.height]);
-    assert.ok(header.shadedUs > 0 && header.encodedUs > 0, 'stage times are missing');
-    assert.ok(header.gain > 0 && header.samples > 0);
-    assert.ok((await sentence(page)).length > 4);
-  } finally {
-    await page.close();
-  }
+  await page.waitForFunction(() => window.relight?.frames > 2, null, { timeout: 120000 });
+  await page.waitForFunction(() => window.relight.status?.scene && window.relight.status?.samples > 0);
+  assert.match(await page.textContent('#about'), /^[^/]+ under [^/]+; \d+\u00a0×\u00a0\d+, \d+ samples per point, method \S+\.$/);
+  const { width, height, header } = await readback(page);
+  assert.deepEqual([width, height], [header.width, header.height]);
+  assert.ok(header.shadedUs > 0 && header.encodedUs > 0, 'stage times are missing');
+  assert.ok(header.gain > 0 && header.samples > 0);
+  assert.ok((await sentence(page)).length > 4);
 });
 
 test('a second viewer does not affect the first', async () => {
-  const first = await openPage(chromium.browser, server.url);
   const second = await openPage(chromium.browser, server.url);
   try {
-    for (const page of [first, second])
-      await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
-    await untilFrames(first, 2, 120000);
-    await second.close();
-    await untilFrames(first, 2, 120000);
-    assert.equal(await state(first), 'live', await sentence(first));
+    await second.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
+    await untilFrames(page, 2, 120000);
   } finally {
-    await first.close();
+    await second.close();
   }
+  await untilFrames(page, 2, 120000);
+  assert.equal(await state(page), 'live', await sentence(page));
 });
 
 test('the page notices when the server exits', async () => {
-  const page = await openPage(chromium.browser, server.url);
-  try {
-    await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
-    const { code, signal } = await server.stop();
-    assert.ok(code === 0 && signal === null, `the server ended with ${code ?? signal}:\n${server.text()}`);
-    await untilState(page, 'reconnecting');
-    assert.match(await sentence(page), /Retrying$/);
-  } finally {
-    await page.close();
-  }
+  await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
+  const { code, signal } = await server.stop();
+  assert.ok(code === 0 && signal === null, `the server ended with ${code ?? signal}:\n${server.text()}`);
+  await untilState(page, 'reconnecting');
+  assert.match(await sentence(page), /Retrying$/);
 });

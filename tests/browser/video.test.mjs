@@ -34,7 +34,7 @@ const coding = (page) => page.evaluate(() => window.relight.lastHeader?.format);
 const untilCoding = (page, name) => page.waitForFunction((n) => window.relight?.lastHeader?.format === n, name, { timeout: 30000 });
 
 async function withPage(args, query, body, script) {
-  const server = await startServer(PATTERN, args);
+  const server = await startServer(PATTERN, ['--fps', '15', ...args]);
   const page = await chromium.browser.newPage({ viewport: { width: 500, height: 400 } });
   const faults = [];
   page.on('pageerror', (error) => faults.push(String(error)));
@@ -106,7 +106,7 @@ test('H.264 shows the same frames in the same colours as JPEG', async (t) => {
   for (const args of [['--size', '320x180', '--quality', '95'], ['--size', '320x180', '--quality', '85', '--rough'],
     ['--size', '321x181', '--quality', '95']]) {
     await withPage(['--h264', '--fps', '20', ...args], '', async (page, server) => {
-      await untilFrames(page, 20);
+      await untilFrames(page, 10);
       assert.equal(await coding(page), 'h264');
       const { shown, drawn, decoded } = await lastPicture(page, server);
       const video = difference(shown.data, drawn);
@@ -164,16 +164,16 @@ const broken = {
   'cannot be configured after all': `${inPage} VideoDecoder.prototype.configure = () => { throw new DOMException('it is not supported', 'NotSupportedError'); };`,
   'fails in the middle': `${inPage} { const real = VideoDecoder.prototype.decode; let count = 0;
     VideoDecoder.prototype.decode = function (chunk) {
-      if (++count > 20) throw new DOMException('broken', 'EncodingError');
+      if (++count > 8) throw new DOMException('broken', 'EncodingError');
       real.call(this, chunk);
     }; }`,
   'reads nonsense': `${inPage} { const Real = EncodedVideoChunk; let count = 0;
     window.EncodedVideoChunk = class { constructor(init) {
-      if (++count > 20) init.data = new Uint8Array(init.data).fill(255, 5);
+      if (++count > 8) init.data = new Uint8Array(init.data).fill(255, 5);
       return new Real(init);
     } }; }`,
   'swallows pictures in silence': `${inPage} { const real = VideoDecoder.prototype.decode; let count = 0;
-    VideoDecoder.prototype.decode = function (chunk) { if (++count <= 20) real.call(this, chunk); }; }`,
+    VideoDecoder.prototype.decode = function (chunk) { if (++count <= 8) real.call(this, chunk); }; }`,
 };
 
 for (const [name, script] of Object.entries(broken)) {
@@ -193,7 +193,7 @@ for (const [name, script] of Object.entries(broken)) {
         }, 15);
       });
       await untilCoding(page, 'jpeg');
-      await untilFrames(page, 10);
+      await untilFrames(page, 5);
       await untilState(page, 'live');
       assert.equal(await coding(page), 'jpeg');
       const seen = await page.evaluate(() => ({ same: window.same, darkest: window.darkest, cleared: window.cleared, why: window.relight.noVideo }));
@@ -219,7 +219,7 @@ for (const coding of ['h264', 'jpeg']) {
       return;
     }
     const server = await startServer(chromium.RELIGHT_RELIGHTD,
-      ['--port', '0', '--size', '320x180', '--samples', '1', '--paths', 'direct', '--source', 'sky:size=128x64,speed=0.5', '--reseed', '--h264-mbit', '2']);
+      ['--port', '0', '--size', '320x180', '--samples', '1', '--paths', 'direct', '--edge-rays', '1', '--source', 'sky:size=128x64,speed=0.5', '--reseed', '--h264-mbit', '2']);
     const page = await chromium.browser.newPage({ viewport: { width: 500, height: 400 } });
     try {
       const arrived = []; // received messages, as the browser reports them
