@@ -109,12 +109,12 @@ async def converges(daemon, error):
 
 
 async def a_picture_that_stands_still_converges(folder):
-    async with Daemon("--size", "48x27", "--once", "--frames", "0-0", "--samples", str(SAMPLES), "--converge", "2e-3") as daemon:
+    async with Daemon("--size", "32x18", "--source", "sky:size=256x128", "--once", "--frames", "0-0", "--samples", str(SAMPLES), "--converge", "2e-3") as daemon:
         await converges(daemon, 2e-3)
 
 
 async def a_cached_picture_converges_as_well(folder):
-    async with Daemon("--size", "48x27", "--once", "--frames", "0-0", "--samples", str(SAMPLES), "--converge", "3e-4", "--method", "cached", "--paths", "direct",
+    async with Daemon("--size", "32x18", "--source", "sky:size=256x128", "--once", "--frames", "0-0", "--samples", str(SAMPLES), "--converge", "3e-4", "--method", "cached", "--paths", "direct",
                       "--cache-file", "off", "--cache-wait") as daemon:
         await converges(daemon, 3e-4)
 
