@@ -49,9 +49,14 @@ struct gltf_surface {    /* how the meshes of a material get texture coordinates
     double transform[6]; /* KHR_texture_transform: u' = t0 u + t1 v + t2, v' = t3 u + t4 v + t5 */
 };
 
+struct gltf_note { /* elements of one list that a warning is about */
+    size_t first, last, count;
+};
+
 struct gltf_use {     /* how a mesh is used */
     double count;     /* its places, where they are those of nodes without a skin or weights of their own */
     uint32_t *shared; /* the scene's mesh of each primitive, plus 1, to be shared; 0: none */
+    bool skipped;     /* has been noted to have points or lines */
 };
 
 struct gltf { /* a file being read */
@@ -67,11 +72,11 @@ struct gltf { /* a file being read */
     struct gltf_view *views;
     struct gltf_surface (*surfaces)[2]; /* of each material: uvs and more_uvs of its meshes */
     uint32_t first_material;            /* in the scene */
+    struct gltf_note skipped;           /* meshes with points or lines */
     uint32_t plain;        /* the scene's material for primitives without one; MATERIAL_NONE: not needed yet */
     double (*worlds)[16];  /* of each node, if the file has skins */
     struct gltf_use *uses; /* of each mesh */
     uint64_t dropped;      /* degenerate triangles */
-    bool skipped;          /* points or lines */
 };
 
 /* ---- gltf_json.c: values, and where they are ---- */
@@ -103,6 +108,14 @@ MUST_CHECK enum err gltf_index_of(const struct gltf *g, const struct gltf_at *at
 bool gltf_flag(const struct gltf_at *at, const char *key); /* whether the member is true */
 /* NULL if missing or no string. */
 const char *gltf_string(const struct gltf_at *at, const char *key);
+
+/* ---- gltf_notes.c: what a warning is about ---- */
+
+/* Notes an element; one that is noted several times in a row counts once. */
+void gltf_note(struct gltf_note *n, size_t index);
+/* Warns if anything was noted: `FILE: material "Glass" and 3 more: TEXT`; nameless ones are `materials[2]`. */
+void gltf_warn_of(const struct gltf *g, enum gltf_list list, const struct gltf_note *n, const char *format, ...)
+    PRINTF_LIKE(4, 5);
 
 /* ---- gltf_container.c: the file, its buffers ---- */
 

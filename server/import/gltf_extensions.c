@@ -4,6 +4,7 @@
 #include <string.h>
 
 #define NAMES_TEXT 200 /* bytes for the names in one warning */
+#define IGNORED_MAX 16 /* extensions that are named */
 
 enum support {
     UNKNOWN,  /* ignored, and named */
@@ -68,16 +69,79 @@ static enum err check_required(const struct gltf *g)
     return ERR_OK;
 }
 
+struct ignored { /* an extension */
+    const char *name;
+    enum gltf_list list; /* the first that uses it */
+    struct gltf_note note;
+};
+
+struct search { /* for places of ignored extensions */
+    struct ignored ignored[IGNORED_MAX];
+    size_t count;
+    enum gltf_list list;
+    size_t element;
+};
+
+static void note_uses(struct search *s, const json_t *extensions)
+{
+    for (size_t i = 0; i < s->count; i++) {
+        struct ignored *k = &s->ignored[i];
+        if (!json_object_get(extensions, k->name))
+            continue;
+        if (k->note.count == 0)
+            k->list = s->list;
+        if (k->list == s->list)
+            gltf_note(&k->note, s->element);
+    }
+}
+
+/* As deep as the parser allows. */
+static void search_value(struct search *s, json_t *v)
+{
+    const char *key;
+    json_t *member;
+
+    for (size_t i = 0; i < json_array_size(v); i++)
+        search_value(s, json_array_get(v, i));
+    json_object_foreach(v, key, member)
+    {
+        if (strcmp(key, "extensions") == 0)
+            note_uses(s, member);
+        search_value(s, member);
+    }
+}
+
+static void search_lists(const struct gltf *g, struct search *s)
+{
+    for (int list = 0; list < GLTF_LISTS; list++) {
+        json_t *elements = json_object_get(g->json, g->lists[list].key);
+        s->list = (enum gltf_list)list;
+        for (s->element = 0; s->element < json_array_size(elements); s->element++)
+            search_value(s, json_array_get(elements, s->element));
+    }
+}
+
+/* Each with its first place; those without a place share a warning. */
 static void name_ignored(const struct gltf *g)
 {
     const json_t *used = json_object_get(g->json, "extensionsUsed");
+    struct search s = { .count = 0 };
     char names[NAMES_TEXT] = "";
 
-    for (size_t i = 0; i < json_array_size(used); i++) {
+    for (size_t i = 0; i < json_array_size(used) && s.count < IGNORED_MAX; i++) {
         const char *name = json_string_value(json_array_get(used, i));
-        const size_t n = strlen(names);
         if (name && support_of(name) == UNKNOWN)
-            snprintf(names + n, sizeof(names) - n, "%s%.80s", n ? ", " : "", name);
+            s.ignored[s.count++].name = name;
+    }
+    if (s.count > 0)
+        search_lists(g, &s);
+    for (size_t i = 0; i < s.count; i++) {
+        const struct ignored *k = &s.ignored[i];
+        const size_t n = strlen(names);
+        if (k->note.count > 0)
+            gltf_warn_of(g, k->list, &k->note, "%.80s is ignored", k->name);
+        else
+            snprintf(names + n, sizeof(names) - n, "%s%.80s", n ? ", " : "", k->name);
     }
     if (names[0])
         gltf_warn(g, NULL, "ignored extensions: %s", names);

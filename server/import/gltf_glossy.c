@@ -262,7 +262,7 @@ static enum err read_textures(struct gltf_source *s, const struct gltf_at *at, s
         g->diffuse = vec3_scale(g->diffuse, GREY);
     if (can_convert(g))
         return use_images(s, g, m, surface);
-    scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_GLOSSINESS, s->g->desc->path);
+    gltf_note(&s->notes[FEATURE_SPECULAR_GLOSSINESS], s->material);
     take_means(g);
     set_factors(g, m);
     return gltf_read_base_texture(s, at, "diffuseTexture", m, surface);

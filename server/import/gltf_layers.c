@@ -45,7 +45,7 @@ enum err gltf_read_coat(struct gltf_source *s, const struct gltf_at *at, struct 
         return e;
     if (m->kind == MATERIAL_GLASS) {
         m->coat = 0.0f;
-        scene_note_unmodelled(s->g->scene, FEATURE_COATED_GLASS, s->g->desc->path);
+        gltf_note(&s->notes[FEATURE_COATED_GLASS], s->material);
         return ERR_OK;
     }
     e = read_factor_map(s, &own, "clearcoatTexture", MAP_COAT, 0, m, surface, &m->coat, &m->coat_texture);
@@ -60,7 +60,7 @@ enum err gltf_read_coat(struct gltf_source *s, const struct gltf_at *at, struct 
         return e;
     m->coat_bent = bent == of_base && (m->maps & MAP_NORMAL);
     if (bent != of_base)
-        scene_note_unmodelled(s->g->scene, FEATURE_COAT_NORMAL, s->g->desc->path);
+        gltf_note(&s->notes[FEATURE_COAT_NORMAL], s->material);
     return ERR_OK;
 }
 
@@ -79,7 +79,7 @@ enum err gltf_read_sheen(struct gltf_source *s, const struct gltf_at *at, struct
         return e;
     if (m->kind == MATERIAL_GLASS) {
         m->sheen = vec3_make(0.0f, 0.0f, 0.0f);
-        scene_note_unmodelled(s->g->scene, FEATURE_SHEEN, s->g->desc->path);
+        gltf_note(&s->notes[FEATURE_SHEEN], s->material);
         return ERR_OK;
     }
     e = read_factor_map(s, &own, "sheenRoughnessTexture", MAP_SHEEN_ROUGHNESS, 3, m, surface, &m->sheen_roughness,

@@ -28,8 +28,7 @@ static enum err take(struct gltf *g)
         e = gltf_add_nodes(g);
     if (e)
         return e;
-    if (g->skipped)
-        gltf_warn(g, NULL, "left out points and lines");
+    gltf_warn_of(g, GLTF_MESHES, &g->skipped, "left out points and lines");
     if (g->dropped > 0)
         gltf_warn(g, NULL, "dropped %" PRIu64 " degenerate or non-finite triangles", g->dropped);
     if (g->scene->mesh_count == meshes_before)

@@ -101,7 +101,7 @@ bool gltf_place_texture(struct gltf_source *s, struct material *m, enum material
         m->moved |= moved ? (uint32_t)map : 0;
         return true;
     }
-    scene_note_unmodelled(s->g->scene, FEATURE_TEXTURE_TRANSFORM, s->g->desc->path);
+    gltf_note(&s->notes[FEATURE_TEXTURE_TRANSFORM], s->material);
     return false;
 }
 
@@ -269,7 +269,7 @@ static enum err read_specular(struct gltf_source *s, const struct gltf_at *at, s
         more[k] = (float)((double)share(factor) * (double)share(root * root * fmax(colour[k], 0.0))) - 0.04f;
     m->specular = vec3_make(more[0], more[1], more[2]);
     if (gltf_key(&own, "specularTexture").value || gltf_key(&own, "specularColorTexture").value)
-        scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_MAP, s->g->desc->path);
+        gltf_note(&s->notes[FEATURE_SPECULAR_MAP], s->material);
     if (factor <= 0.0 && m->metallic <= 0.0f) {
         m->kind = MATERIAL_LAMBERT;
         m->specular = vec3_make(0.0f, 0.0f, 0.0f);
@@ -291,7 +291,7 @@ static enum err read_diffuse_transmission(struct gltf_source *s, const struct gl
     if (!e)
         e = gltf_colour(s, &own, "diffuseTransmissionColorFactor", 3, 1.0, &m->through);
     if (gltf_key(&own, "diffuseTransmissionTexture").value)
-        scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_MAP, s->g->desc->path);
+        gltf_note(&s->notes[FEATURE_SPECULAR_MAP], s->material);
     if (e || !texture.value || !(m->transmits > 0.0f))
         return e;
     struct gltf_surface place;
@@ -319,7 +319,7 @@ static enum err is_frosted(struct gltf_source *s, const struct gltf_at *texture,
 static void approximate_transmission(struct gltf_source *s, float transmission, bool frosted, struct material *m)
 {
     if (frosted && !(m->transmits > 0.0f)) {
-        scene_note_unmodelled(s->g->scene, FEATURE_ROUGH_GLASS, s->g->desc->path);
+        gltf_note(&s->notes[FEATURE_ROUGH_GLASS], s->material);
         m->transmits = transmission;
         m->through = m->diffuse;
         m->through_texture = m->texture;
@@ -345,9 +345,7 @@ static enum err read_surface(struct gltf_source *s, const struct gltf_at *at, st
         e = gltf_read_base_texture(s, &pbr, "baseColorTexture", m, surface);
     if (gltf_extension(at, "KHR_materials_unlit").value) {
         m->kind = MATERIAL_LAMBERT;
-        if (!s->unlit)
-            gltf_warn(s->g, at, "is unlit: approximated by a matte surface");
-        s->unlit = true;
+        gltf_note(&s->unlit, s->material);
     }
     return e;
 }
@@ -383,9 +381,9 @@ static enum err add_material(struct gltf_source *s, const struct gltf_at *at, st
     if (largest(m.diffuse) < BLACK)
         transmission = 0.0f;
     if (transmission > 0.0f && gltf_key(&glass, "transmissionTexture").value)
-        scene_note_unmodelled(s->g->scene, FEATURE_SPECULAR_MAP, s->g->desc->path);
+        gltf_note(&s->notes[FEATURE_SPECULAR_MAP], s->material);
     if (transmission > 0.0f && transmission < 1.0f)
-        scene_note_unmodelled(s->g->scene, FEATURE_PARTIAL_GLASS, s->g->desc->path);
+        gltf_note(&s->notes[FEATURE_PARTIAL_GLASS], s->material);
     if (transmission > 0.0f)
         e = is_frosted(s, &roughness, &m, &frosted);
     if (!e && transmission >= 0.5f && !frosted)
@@ -406,13 +404,30 @@ static enum err add_material(struct gltf_source *s, const struct gltf_at *at, st
     if (!e && !unlit)
         e = gltf_read_coat(s, at, &m, surface);
     if (m.kind == MATERIAL_GLASS && m.roughness > 0.03f)
-        scene_note_unmodelled(s->g->scene, FEATURE_ROUGH_GLASS, s->g->desc->path);
+        gltf_note(&s->notes[FEATURE_ROUGH_GLASS], s->material);
     if (!e &&
         !unlit) /* of unlit materials the base colour alone counts; emission is for viewers without the extension */
         e = read_emission(s, at, &m, surface);
     if (!e && !unlit)
         e = gltf_read_sheen(s, at, &m, surface);
     return e ? e : scene_add_material(s->g->scene, &m, NULL);
+}
+
+/* A feature is named once per scene, as the statistics count it. */
+static void name_notes(const struct gltf_source *s)
+{
+    struct scene *scene = s->g->scene;
+
+    gltf_warn_of(s->g, GLTF_MATERIALS, &s->unlit, "unlit: approximated by a matte surface");
+    for (int i = 0; i < FEATURE_COUNT; i++) {
+        const uint32_t bit = UINT32_C(1) << i;
+        if (s->notes[i].count == 0)
+            continue;
+        if (!(scene->unmodelled & bit))
+            gltf_warn_of(s->g, GLTF_MATERIALS, &s->notes[i], "not supported: %s",
+                         scene_feature_name((enum scene_feature)i));
+        scene->unmodelled |= bit;
+    }
 }
 
 enum err gltf_add_materials(struct gltf *g)
@@ -424,8 +439,11 @@ enum err gltf_add_materials(struct gltf *g)
     enum err e = g->surfaces ? ERR_OK : ERR_NOMEM;
     for (size_t i = 0; i < g->counts[GLTF_MATERIALS] && !e; i++) {
         const struct gltf_at at = gltf_element(g, GLTF_MATERIALS, i);
+        s.material = i;
         e = add_material(&s, &at, g->surfaces[i]);
     }
+    if (!e)
+        name_notes(&s);
     gltf_images_finish(&s.images);
     mem_free(s.glossy);
     return e;

@@ -307,7 +307,9 @@ static enum err add_primitive(struct gltf *g, struct primitive *p, const struct 
     if (e || !gltf_key(&p->attributes, "POSITION").value)
         return e; /* without positions it shows nothing */
     if (mode < MODE_TRIANGLES) {
-        g->skipped = true;
+        if (!g->uses[p->mesh->index].skipped)
+            gltf_note(&g->skipped, p->mesh->index);
+        g->uses[p->mesh->index].skipped = true;
         return ERR_OK;
     }
     name_mesh(p, m.name);

@@ -12,7 +12,8 @@ struct glossy_known;
 struct gltf_source {
     struct gltf *g;
     struct gltf_images images;
-    bool unlit;                  /* has been named */
+    struct gltf_note unlit, notes[FEATURE_COUNT];
+    size_t material;             /* being read */
     struct glossy_known *glossy; /* what specular-glossiness textures have become */
     size_t glossy_count, glossy_room;
 };

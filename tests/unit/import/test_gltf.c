@@ -114,7 +114,7 @@ static void what_is_not_modelled_is_named_once(void **state)
     struct scene *s = load_or_fail(path);
     const char *said = log_end();
     assert_int_equal(count_of(said, "not supported"), 1);
-    assert_int_equal(count_of(said, "a.gltf: not supported: partial transmission"), 1);
+    assert_int_equal(count_of(said, "a.gltf: material \"m\": not supported: partial transmission"), 1);
     assert_int_equal(s->unmodelled, 1u << FEATURE_PARTIAL_GLASS);
     scene_destroy(s);
     folder_remove(&f);
