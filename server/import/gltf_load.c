@@ -15,6 +15,35 @@ static enum err read_file(struct gltf *g)
     return ERR_OK;
 }
 
+/* Viewers cull the near side of an outline, so that a dark rim remains; with two sides it would hide the model. */
+static enum err leave_out_outlines(struct gltf *g, size_t meshes_before)
+{
+    bool *single_sided = mem_alloc(g->scene->material_count, sizeof(*single_sided));
+    uint64_t *dropped = mem_alloc(g->scene->material_count, sizeof(*dropped)), triangles = 0;
+    struct gltf_note note = { 0 };
+
+    enum err e = single_sided && dropped ? ERR_OK : ERR_NOMEM;
+    for (size_t i = 0; i < g->counts[GLTF_MATERIALS] && !e; i++) {
+        const struct gltf_at at = gltf_element(g, GLTF_MATERIALS, i);
+        single_sided[g->first_material + i] = !gltf_flag(&at, "doubleSided");
+    }
+    if (!e)
+        e = scene_drop_outlines(g->scene, meshes_before, single_sided, dropped);
+    for (size_t i = 0; i < g->counts[GLTF_MATERIALS] && !e; i++) {
+        const uint64_t own = dropped[g->first_material + i];
+        triangles += own;
+        if (own > 0)
+            gltf_note(&note, i);
+    }
+    gltf_warn_of(g, GLTF_MATERIALS, &note,
+                 "left out %" PRIu64 " triangles of an outline, a shell that is turned inside out around other meshes; "
+                 "\"doubleSided\": true keeps it",
+                 triangles);
+    mem_free(single_sided);
+    mem_free(dropped);
+    return e;
+}
+
 static enum err take(struct gltf *g)
 {
     const size_t meshes_before = g->scene->mesh_count;
@@ -26,6 +55,8 @@ static enum err take(struct gltf *g)
         e = gltf_animate(g);
     if (!e)
         e = gltf_add_nodes(g);
+    if (!e && g->desc->material == MATERIAL_NONE)
+        e = leave_out_outlines(g, meshes_before);
     if (e)
         return e;
     gltf_warn_of(g, GLTF_MESHES, &g->skipped, "left out points and lines");

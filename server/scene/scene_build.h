@@ -44,6 +44,12 @@ uint32_t scene_find_material(const struct scene *s, const char *name, uint32_t f
 /* Records an unsupported feature of `file`; warns the first time. */
 void scene_note_unmodelled(struct scene *s, enum scene_feature feature, const char *file);
 
+/* Removes the meshes from `first` on that are outlines: of an opaque, single-sided material, turned inside out around
+ * others that fill half of their volume and reach within a tenth of their diagonal, without a camera inside. A list
+ * with instances stays as it is. single_sided and dropped, to which their triangles are added: of each material.
+ * ERR_NOMEM. */
+MUST_CHECK enum err scene_drop_outlines(struct scene *s, size_t first, const bool *single_sided, uint64_t *dropped);
+
 /* Computes triangle count and bounding box. ERR_FORMAT: no triangles. */
 MUST_CHECK enum err scene_finish(struct scene *s, const char *file, struct reason *why);
 
