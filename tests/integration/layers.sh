@@ -18,9 +18,10 @@ def oiio(*arguments):
     return subprocess.run(["oiiotool", *arguments], capture_output=True, text=True, check=True).stdout
 
 def read(name):
-    channels = re.search(r"channel list: (.*)", oiio("--info", "-v", name)).group(1)
+    said = oiio("--info", "-v", "--dumpdata", name)
+    channels = re.search(r"channel list: (.*)", said).group(1)
     channels = re.sub(r" \(\w+\)", "", channels).split(", ")
-    found = re.findall(r"Pixel \(\d+, \d+\): (.*)", oiio("--dumpdata", name))
+    found = re.findall(r"Pixel \(\d+, \d+\): (.*)", said)
     assert found, name
     return [dict(zip(channels, map(float, line.split()))) for line in found]
 
@@ -44,8 +45,9 @@ PY
 light_layers_add_up_to_the_picture() {
     need_oiiotool
     local options
-    for options in '--samples 8' '--samples 8 --denoise' '--method cached' '--method latlong --samples 4 --indirect light' \
-        '--samples 4 --caustics stored --stored-paths 5000' '--samples 4 --ground --half' '--samples 4 --paths direct'; do
+    for options in '--samples 8' '--samples 8 --eye-paths 4 --denoise' '--method cached' '--method latlong --samples 4 --indirect light' \
+        '--samples 4 --eye-paths 4 --caustics stored --stored-paths 5000' '--samples 4 --eye-paths 4 --ground --half' \
+        '--samples 4 --paths direct'; do
         # shellcheck disable=SC2086
         "$bin/relight-render" --scene "$ring" --source sky:time=09:00,size=256x128 --size 32x18 $options --out "$work/plain.exr"
         # shellcheck disable=SC2086
