@@ -17,7 +17,7 @@ from peer import BIN, WAIT_S, check, main
 from still import Daemon
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "inputs-and-outputs.md"
-SMALL = ["--size", "96x64", "--samples", "1", "--paths", "direct"]
+SMALL = ["--size", "96x64", "--samples", "1", "--paths", "direct", "--edge-rays", "1"]
 FEW = ["--frames", "0-1"]
 
 

@@ -58,7 +58,7 @@ if name == "relight-render":
             extra += [flag, few[flag]]
     if "cached" in given and "--paths" not in given:  # most of its time is indirect light's
         extra += ["--paths", "direct"]
-    if "--probe" in given and "--edge-rays" not in given:  # its picture keeps the size, for the pixel's sake
+    if "--edge-rays" not in given:
         extra += ["--edge-rays", "1"]
 if name == "relight-chart":
     extra += ["--size", "16x9", "--seeds", "4", "--reference", "4", "--techniques", "mis", "--sources", "sky:"]
@@ -67,6 +67,8 @@ if name == "relightd":
     extra += ["--port", os.environ["PORT"]] if os.environ["SERVE"] else ["--check-config"]
     if "--size" not in given:
         extra += ["--size", few["--size"]]
+    if os.environ["SERVE"] and not given & {"--samples", "--method", "--error"}:  # all of a frame's time is taken otherwise
+        extra += ["--samples", "1"]
 if name in ("relight-feed", "relight-record"):
     if not given & {"--to", "--from", "--out"} or (name == "relight-record" and "--from" not in given):
         extra += ["--to" if name == "relight-feed" else "--from", "ws://127.0.0.1:" + os.environ["PORT"]]

@@ -20,7 +20,7 @@ from peer import check, expect, main, run, skip
 from still import Daemon
 from tls import certificate
 
-SMALL = ("--samples", "1", "--paths", "direct")
+SMALL = ("--samples", "1", "--paths", "direct", "--edge-rays", "1")
 
 
 def free_port(kind):

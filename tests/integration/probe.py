@@ -100,7 +100,7 @@ async def a_largest_answer_fits(folder):
 
 async def pictures(folder, questions):
     """The pictures of ten frames with independent noise, by number, while so many probes are sent."""
-    async with Daemon("--source", "sky:size=256x128,hour=9,speed=60", "--rate", "3", *WAY, "--reseed") as daemon, connect(daemon.url) as link:
+    async with Daemon("--source", "sky:size=256x128,hour=9,speed=60", "--rate", "3", *WAY, "--edge-rays", "1", "--reseed") as daemon, connect(daemon.url) as link:
         asking = Asking(link)
         await asking.greet("exr_float")
         await asking.until(lambda: asking.pictures)

@@ -18,7 +18,7 @@ from live import Sender, ffmpeg, free_port
 from peer import check, expect, main, run, skip
 from still import Daemon
 
-SMALL = ("--samples", "1", "--paths", "direct")
+SMALL = ("--samples", "1", "--paths", "direct", "--edge-rays", "1")
 SKY = ("--source", "sky:size=128x64,speed=1")
 STILL = ("--source", "sky:size=128x64,speed=0", "--converge", "off")
 
@@ -339,7 +339,7 @@ async def slow_target_loses_pictures_and_nobody_else_does(folder):
     port = free_port(socket.SOCK_STREAM)
     name = f"rtmp://127.0.0.1:{port}"
     # Noise fills the sockets' buffers within seconds.
-    noisy = ("--samples", "1", "--size", "640x360", "--quality", "100", "--h264-mbit", "500")
+    noisy = (*SMALL, "--size", "640x360", "--quality", "100", "--h264-mbit", "500")
     async with Sender(*ffmpeg("-listen", "1", "-i", f"{name}/live/x", "-f", "null", "-")) as sender:
         async with Daemon(*SKY, *noisy, *targets(f"{name}/live/x", f"record:{folder}")) as daemon:
             log, party = Log(daemon), await Party.come(daemon.url, "viewer")
