@@ -8,6 +8,7 @@
 #define GROUP 128 /* packets, side by side in the picture for the most part, that share w */
 #define FLOATS ((size_t)3 * PACKET)
 #define SOFT 1e-2        /* of relMSE */
+#define STEADY 0.25f     /* of the way to what is known under a still sky, in a picture without a cache */
 #define WEIGHT_MOST 0.98 /* of the cache's light, against the first samples */
 
 struct group { /* sums of V and D */
@@ -320,7 +321,7 @@ static void add_more(struct history *h, const float *const more[2])
     }
 }
 
-/* Of the way that is left, in the step that begins; 1: all of it. */
+/* Of the way that is left, in a glide's step that begins; 1: all of it. */
 static float glide_share(const struct history *h)
 {
     const float from = 1.0f - (float)h->glide / HISTORY_GLIDE, to = from + 1.0f / HISTORY_GLIDE;
@@ -341,8 +342,18 @@ void history_glide(struct history *h, float *lo)
     h->glide -= h->glide > 0;
 }
 
+/* Likewise, in a picture that takes samples and does not glide. shows: light with this key. since: pictures since the
+ * filter ran. */
+static float step_of(const struct history *h, bool shows, unsigned since)
+{
+    if (!h->followed)
+        return h->still && shows ? STEADY : 1.0f;
+    return h->moved ? 1.0f : 1.0f / (float)(HISTORY_TURNS - since);
+}
+
 void history_show(struct history *h, const float *const more[2], float *lo)
 {
+    const bool shows = h->shows;
     const float *filtered[2];
 
     for (int k = 0; k < 2; k++)
@@ -352,14 +363,14 @@ void history_show(struct history *h, const float *const more[2], float *lo)
     const unsigned since = h->followed ? (unsigned)((h->turn - h->first_turn + 1) % HISTORY_TURNS) : 0;
     if (since == 0)
         denoiser_filter(h->denoiser, filtered, h->target);
-    h->glide = h->slow && h->shows && !h->followed ? HISTORY_GLIDE : 0;
+    h->glide = h->slow && shows && !h->followed ? HISTORY_GLIDE : 0;
     h->shows = true;
     if (h->glide > 0) {
         history_glide(h, lo);
         h->turn++;
         return;
     }
-    const float step = h->followed && !h->moved ? 1.0f / (float)(HISTORY_TURNS - since) : 1.0f;
+    const float step = step_of(h, shows, since);
 #pragma omp parallel for schedule(static)
     for (uint32_t i = 0; i < h->packets; i++) {
         const float f = h->followed ? h->final[i] : 0.0f;

@@ -41,7 +41,8 @@ void history_destroy(struct history *h); /* NULL is allowed */
 /* Begins a picture with the light that `key` identifies; a key other than the last picture's discards the history. */
 void history_begin(struct history *h, uint64_t key);
 
-/* `still`: the sky is the last picture's; B is then still correct, and w is n / (n + 1). Without a cache only. */
+/* `still`: the sky is the last picture's; B is then still correct, and w is n / (n + 1). Unless it glides, the
+ * displayed light then moves a quarter of the way to the filter's output. Without a cache only. */
 void history_hold(struct history *h, bool still);
 
 /* After history_begin: the light moves to this picture's in HISTORY_GLIDE steps, of which history_show takes the first,

@@ -112,6 +112,40 @@ static void light_without_a_cache_glides(void **state)
     rig_finish(&r);
 }
 
+static void show_halves(struct rig *r, bool still, float a, float b)
+{
+    history_begin(r->history, 1);
+    history_hold(r->history, still);
+    for (size_t i = 0; i < r->floats; i++) {
+        denoiser_half(r->denoiser, 0)[i] = a;
+        denoiser_half(r->denoiser, 1)[i] = b;
+    }
+    history_add(r->history, NULL);
+    history_show(r->history, NULL, r->lo);
+}
+
+/* Without a cache each picture adds its samples, of 1 and then of 2, to the plain mean of all; the light that it
+ * displays goes a quarter of the way to that. Another sky's goes all of it. */
+static void samples_under_a_still_sky_do_not_flicker(void **state)
+{
+    struct rig r = rig_make();
+    double mean = 1.0, want = 1.0;
+    (void)state;
+
+    show_halves(&r, false, 1.0f, 1.0f);
+    assert_float_equal(shown(&r), 1.0, 1e-5);
+    for (int n = 2; n <= 32; n++) {
+        show_halves(&r, true, 2.0f, 2.0f);
+        mean += (2.0 - mean) / n;
+        want += 0.25 * (mean - want);
+        assert_float_equal(shown(&r), want, 1e-3);
+    }
+    assert_float_equal(shown(&r), 2.0, 0.05);
+    show_halves(&r, false, 4.0f, 4.0f);
+    assert_float_equal(shown(&r), 4.0, 0.05);
+    rig_finish(&r);
+}
+
 /* By hand: halves m + x and m - x give V = x^2. Where surfaces differ the filter takes some hundredths of x. */
 static void noise_becomes_the_plain_mean(void **state)
 {
@@ -415,6 +449,7 @@ static void few_samples_of_direct_light_alone_are_not_halved(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(few_samples_of_direct_light_alone_are_not_halved),
     cmocka_unit_test(light_without_a_cache_glides),
+    cmocka_unit_test(samples_under_a_still_sky_do_not_flicker),
     cmocka_unit_test(noise_becomes_the_plain_mean),
     cmocka_unit_test(the_cache_predicts_what_the_sky_changes),
     cmocka_unit_test(a_misplaced_shadow_leaves_no_ghost),
