@@ -176,35 +176,44 @@ const broken = {
     VideoDecoder.prototype.decode = function (chunk) { if (++count <= 8) real.call(this, chunk); }; }`,
 };
 
-for (const [name, script] of Object.entries(broken)) {
-  test(`a browser that ${name} gets JPEG, without a reload and without a dark canvas`, () =>
-    withPage(BUILT_IN ? ['--h264'] : [], '', async (page) => {
-      await page.evaluate(() => { window.same = true; });
-      await untilFrames(page, 3);
-      await page.evaluate(() => {
-        window.darkest = 255;
-        window.cleared = 0; // setting a side clears the canvas, even to its old value
-        new MutationObserver((changes) => { window.cleared += changes.length; })
-          .observe(document.getElementById('picture'), { attributes: true, attributeFilter: ['width', 'height'] });
-        window.watching = setInterval(() => {
-          const { data, width } = window.relight.readback();
-          const at = 4 * (10 * width + 10); // red, or the bar's white
-          window.darkest = Math.min(window.darkest, data[at]);
-        }, 15);
+// All are tried by one page, which is loaded again with the fault that window.name names: opening a page costs more than its images.
+const chosen = `switch (window.name) {
+  ${Object.entries(broken).map(([name, script]) => `case ${JSON.stringify(name)}: { ${script} break; }`).join('\n')}
+}`;
+test('a browser with a fault gets JPEG, without a reload and without a dark canvas', (t) =>
+  withPage(BUILT_IN ? ['--h264'] : [], '', async (page) => {
+    for (const name of Object.keys(broken)) {
+      await t.test(`a browser that ${name}`, async () => {
+        await page.evaluate((n) => { window.name = n; }, name);
+        await page.reload();
+        assert.equal(await page.evaluate(() => window.name), name);
+        await page.evaluate(() => { window.same = true; });
+        await untilFrames(page, 3);
+        await page.evaluate(() => {
+          window.darkest = 255;
+          window.cleared = 0; // setting a side clears the canvas, even to its old value
+          new MutationObserver((changes) => { window.cleared += changes.length; })
+            .observe(document.getElementById('picture'), { attributes: true, attributeFilter: ['width', 'height'] });
+          window.watching = setInterval(() => {
+            const { data, width } = window.relight.readback();
+            const at = 4 * (10 * width + 10); // red, or the bar's white
+            window.darkest = Math.min(window.darkest, data[at]);
+          }, 15);
+        });
+        await untilCoding(page, 'jpeg');
+        await untilFrames(page, 5);
+        await untilState(page, 'live');
+        assert.equal(await coding(page), 'jpeg');
+        const seen = await page.evaluate(() => ({ same: window.same, darkest: window.darkest, cleared: window.cleared, why: window.relight.noVideo }));
+        assert.ok(seen.same);
+        assert.equal(seen.cleared, 0);
+        assert.ok(seen.darkest > 150, `${seen.darkest}`);
+        assert.ok(!decodes || !BUILT_IN || seen.why.length > 5, seen.why);
+        console.log(`${name}: ${seen.why}`);
+        assert.equal(await sentence(page), 'Live.');
       });
-      await untilCoding(page, 'jpeg');
-      await untilFrames(page, 5);
-      await untilState(page, 'live');
-      assert.equal(await coding(page), 'jpeg');
-      const seen = await page.evaluate(() => ({ same: window.same, darkest: window.darkest, cleared: window.cleared, why: window.relight.noVideo }));
-      assert.ok(seen.same);
-      assert.equal(seen.cleared, 0);
-      assert.ok(seen.darkest > 150, `${seen.darkest}`);
-      assert.ok(!decodes || !BUILT_IN || seen.why.length > 5, seen.why);
-      console.log(`${name}: ${seen.why}`);
-      assert.equal(await sentence(page), 'Live.');
-    }, script));
-}
+    }
+  }, chosen));
 
 // The bit rate that the Statistics panel shows.
 function shownBits(text) {
@@ -219,7 +228,8 @@ for (const coding of ['h264', 'jpeg']) {
       return;
     }
     const server = await startServer(chromium.RELIGHT_RELIGHTD,
-      ['--port', '0', '--size', '320x180', '--samples', '1', '--paths', 'direct', '--edge-rays', '1', '--source', 'sky:size=128x64,speed=0.5', '--reseed', '--h264-mbit', '2']);
+      ['--port', '0', '--size', '320x180', '--samples', '1', '--paths', 'direct', '--edge-rays', '1', '--method', 'mis', '--fps', '16', '--source', 'sky:size=128x64,speed=0.5',
+        '--reseed', '--h264-mbit', '2']);
     const page = await chromium.browser.newPage({ viewport: { width: 500, height: 400 } });
     try {
       const arrived = []; // received messages, as the browser reports them
@@ -227,7 +237,7 @@ for (const coding of ['h264', 'jpeg']) {
         if (typeof payload !== 'string') arrived.push({ atMs: Date.now(), bits: 8 * payload.length });
       }));
       await page.addInitScript('delete window.Worker;'); // the sockets of workers are not reported
-      await page.goto(`${server.url}?rate=8&width=200${coding === 'jpeg' ? '&coding=jpeg' : ''}`);
+      await page.goto(`${server.url}?rate=4&width=200${coding === 'jpeg' ? '&coding=jpeg' : ''}`);
       await untilFrames(page, 3);
       await untilState(page, 'live');
       await page.waitForTimeout(3000); // the first image, a keyframe, is no longer included
@@ -243,7 +253,7 @@ for (const coding of ['h264', 'jpeg']) {
       const { format, width, height } = await page.evaluate(() => window.relight.lastHeader);
       assert.deepEqual([format, width, height], [coding, 160, 90]);
       assert.deepEqual(await readback(page).then((got) => [got.width, got.height]), [160, 90]);
-      assert.ok(arrived.length > 4 && arrived.length <= 8 * seconds + 2, `${arrived.length} pictures in ${seconds} s`);
+      assert.ok(arrived.length > 4 && arrived.length <= 4 * seconds + 2, `${arrived.length} pictures in ${seconds} s`);
       const mean = shown.reduce((a, b) => a + b, 0) / shown.length;
       console.log(`${coding}: ${(bits / seconds / 1e3).toFixed()} kbit/s, shown as ${(mean / 1e3).toFixed()}`);
       assert.ok(Math.abs(mean / (bits / seconds) - 1) < 0.3, `${bits / seconds} shown as ${shown}`);
