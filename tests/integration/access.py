@@ -16,7 +16,7 @@ from peer import BIN, WAIT_S, check, expect, main, run, skip
 from still import Daemon
 from tls import certificate, port_of, renew, text_of
 
-SKY = ("--source", "sky:size=128x64", "--size", "64x36", "--samples", "1", "--method", "mis")
+SKY = ("--source", "sky:size=128x64", "--size", "64x36", "--samples", "1", "--method", "mis", "--paths", "direct", "--edge-rays", "1")
 BLOCKS = {" ": (0, 0), "\u2580": (1, 0), "\u2584": (0, 1), "\u2588": (1, 1)}
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from peer import WAIT_S, check, main
 from still import Daemon
 
-SKY = ("--source", "sky:speed=1,size=128x64", "--samples", "1", "--method", "mis", "--token-viewer", "a-secret")
+SKY = ("--source", "sky:speed=1,size=128x64", "--samples", "1", "--paths", "direct", "--edge-rays", "1", "--token-viewer", "a-secret")
 SIZE = (96, 54)
 
 

@@ -16,7 +16,7 @@ import websockets
 from peer import BIN, PICTURE, WAIT_S, check, main, skip
 from still import Daemon
 
-SKY = ("--source", "sky:size=128x64", "--size", "64x36", "--samples", "1", "--method", "mis")
+SKY = ("--source", "sky:size=128x64", "--size", "64x36", "--samples", "1", "--method", "mis", "--paths", "direct", "--edge-rays", "1")
 
 
 AUTHORITY = """[ca]

@@ -12,7 +12,7 @@ from peer import PICTURE, WAIT_S, check, main
 from still import Daemon, connect
 
 RATE = 20
-SKY = ("--source", "sky:speed=1,size=128x64", "--rate", str(RATE), "--samples", "1", "--method", "mis")
+SKY = ("--source", "sky:speed=1,size=128x64", "--rate", str(RATE), "--samples", "1", "--method", "mis", "--paths", "direct", "--edge-rays", "1")
 
 
 def counted(daemon, name):

@@ -25,6 +25,7 @@ except ImportError:  # the parser below suffices
 NAME = re.compile(r"[a-zA-Z_:][a-zA-Z0-9_:]*")
 LABEL = re.compile(r'([a-zA-Z_][a-zA-Z0-9_]*)="((?:[^"\\\n]|\\["\\n])*)"')
 TYPES = {"counter", "gauge", "histogram"}
+FEW = ("--samples", "4", "--paths", "direct", "--edge-rays", "1")
 
 
 def samples_of(line, number):
@@ -136,7 +137,7 @@ async def until_ready(daemon):
 
 
 async def metrics_read_as_prometheus_reads_them(folder):
-    async with Daemon("--source", "sky:size=128x64,speed=60", "--samples", "4") as daemon:
+    async with Daemon("--source", "sky:size=128x64,speed=60", *FEW) as daemon:
         await until_ready(daemon)
         status, text = await ask(daemon, "/metrics")
         before, types = parse(text)
@@ -162,7 +163,7 @@ async def metrics_read_as_prometheus_reads_them(folder):
 async def frames_are_counted_by_their_fate(folder):
     for i in range(6):
         (folder / f"sky.{i}.hdr").write_bytes(b"broken" if i == 3 else radiance(64 + i))
-    async with Daemon("--source", str(folder / "sky.%d.hdr"), "--once", "--samples", "4", "--rate", "5") as daemon:
+    async with Daemon("--source", str(folder / "sky.%d.hdr"), "--once", *FEW, "--rate", "5") as daemon:
         await until_value(daemon, 6, "relightd_frames_received_total")
         await until_value(daemon, 1, "relightd_frames_total", fate="refused", reason="unreadable")
         for _ in range(100):
@@ -190,7 +191,7 @@ def in_force(party):
 
 
 async def settings_come_back_after_kill_9(folder):
-    state, arguments = folder / "state", ("--samples", "4", "--log-level", "info")
+    state, arguments = folder / "state", (*FEW, "--log-level", "info")
     wish = {"method": "faces", "samples": 8, "rotate_degrees": 40, "scale_stops": 1.5, "exposure_stops": 2.5,
             "bias_stops": 0.25, "tone": "reinhard", "fps": 12.5, "paused": True}
     async with Daemon("--state", str(state), *arguments) as daemon:
@@ -219,7 +220,7 @@ async def settings_come_back_after_kill_9(folder):
 async def a_state_that_is_none_is_refused(folder):
     """Broken state, state of another version or out of range changes nothing, and is reported."""
     good = {"op": "control", "state": 1, "said": {}, "tone": "linear"}
-    async with Daemon("--state", str(folder), "--samples", "4") as daemon:
+    async with Daemon("--state", str(folder), *FEW) as daemon:
         one = await Party.come(daemon.url, "controller")
         await one.ask(tone="linear")
         for _ in range(100):
@@ -232,7 +233,7 @@ async def a_state_that_is_none_is_refused(folder):
     for broken in (text[:-20].encode(), text.replace('"state": 1', '"state": 7').encode(),
                    json.dumps({**good, "camera": "nowhere"}).encode(), b"[" * 100000):
         (folder / "state.json").write_bytes(broken)
-        async with Daemon("--state", str(folder), "--samples", "4") as daemon:
+        async with Daemon("--state", str(folder), *FEW) as daemon:
             one = await Party.come(daemon.url, "viewer")
             check(one.last["control"]["tone"] == "filmic", f"{broken[:40]} was taken")
             check("state.json" in daemon.before and "the command line's settings" in daemon.before,
@@ -241,7 +242,7 @@ async def a_state_that_is_none_is_refused(folder):
 
 async def a_state_that_cannot_be_kept_is_only_a_warning(folder):
     (folder / "file").write_text("in the way")
-    async with Daemon("--state", str(folder / "file"), "--samples", "4") as daemon:
+    async with Daemon("--state", str(folder / "file"), *FEW) as daemon:
         check("cannot be written to" in daemon.before, daemon.before)
         one = await Party.come(daemon.url, "controller")
         check(await one.ask(tone="linear") is None, "it does not obey any more")
@@ -254,7 +255,7 @@ async def the_log_is_made_of_lines_for_machines(folder):
     arguments = [part for role in ("viewer", "controller", "producer", "metrics")
                  for part in (f"--token-{role}", f"{token}-{role}")]
     (folder / 'sky "1".hdr').write_bytes(b"broken")
-    source = ["--source", str(folder / 'sky "%d".hdr'), "--samples", "4"]
+    source = ["--source", str(folder / 'sky "%d".hdr'), *FEW]
     for form in ("json", "text"):
         async with Daemon(*arguments, *source, "--log", form, "--log-level", "debug") as daemon:
             for wrong in (token + "-viewe", token + "-viewer-and-more"):
@@ -280,7 +281,7 @@ async def the_log_is_made_of_lines_for_machines(folder):
 
 
 async def many_lines_of_a_kind_are_summed_up(folder):
-    async with Daemon("--source", "push:", "--samples", "4") as daemon:
+    async with Daemon("--source", "push:", *FEW) as daemon:
         link = await connect(daemon.url)
         await link.send(json.dumps({"op": "hello", "role": "producer", "version": {"major": 1, "minor": 0}}))
         credit, fates, number = 0, 0, 0
@@ -321,7 +322,7 @@ async def a_terminal_has_a_line_of_status_and_a_pipe_has_none(folder):
     await process.wait()
     os.close(ours)
     check(b"images/s, 0 viewers" in said, f"no status: {said}")
-    async with Daemon("--samples", "4") as daemon:
+    async with Daemon(*FEW) as daemon:
         await until_ready(daemon)
         await asyncio.sleep(1)
         daemon.process.terminate()
@@ -386,7 +387,7 @@ async def a_signal_while_a_scene_is_prepared_is_obeyed(folder):
 # ---- The producer goes; the disk is full ----
 
 async def the_last_sky_of_a_producer_stays_and_since_when_is_said(folder):
-    async with Daemon("--source", "push:", "--samples", "4") as daemon:
+    async with Daemon("--source", "push:", *FEW) as daemon:
         viewer = await Party.come(daemon.url, "viewer")
         check((await ask(daemon, "/readyz"))[0] == 200, "it does not wait for a producer")
         producer = await connect(daemon.url)
@@ -417,7 +418,7 @@ async def a_disk_that_is_full_leaves_nothing_half(folder):
     if await mount.wait() != 0:
         skip("no file system can be mounted here")
     try:
-        async with Daemon("--source", "sky:size=128x64,speed=60", "--samples", "4", "--state", str(disk / "state")) as daemon:
+        async with Daemon("--source", "sky:size=128x64,speed=60", *FEW, "--state", str(disk / "state")) as daemon:
             recorder = await run("relight-record", "--from", daemon.url.removesuffix("/ws"), "--format", "exr-float",
                                  "--out", disk / "p.%04d.exr")
             check(recorder.code == 1 and "No space left on device" in recorder.err, recorder.err)

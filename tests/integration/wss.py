@@ -12,7 +12,7 @@ from peer import Frame, Program, Server, check, expect, main, picture, run, skip
 from still import Daemon
 from tls import certificate, expired, port_of
 
-LOCKSTEP = ("--source", "push:", "--size", "64x36", "--samples", "1", "--method", "mis")
+LOCKSTEP = ("--source", "push:", "--size", "64x36", "--samples", "1", "--method", "mis", "--paths", "direct", "--edge-rays", "1")
 
 
 def served(cert, key):
