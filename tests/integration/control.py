@@ -11,6 +11,8 @@ from lockstep import SKY, Relightd, compare, feed, record, rendered
 from peer import FRAME, PICTURE, WAIT_S, check, expect, main
 from still import Daemon, connect
 
+FEW = ("--samples", "4", "--paths", "direct", "--edge-rays", "1")
+
 
 class Party:
     """A connection that remembers the last status and control, and each picture's frame, gain and light."""
@@ -73,7 +75,7 @@ def skies(folder, count):
 
 
 async def a_paused_source_steps_and_goes_to_any_place(folder):
-    async with Daemon(*skies(folder, 5), "--samples", "4", "--rate", "50") as daemon:
+    async with Daemon(*skies(folder, 5), *FEW, "--rate", "50") as daemon:
         one, two = await Party.come(daemon.url, "controller"), await Party.come(daemon.url, "viewer")
         check(one.last["status"]["source"]["kind"] == "files", one.last["status"])
         check(one.last["status"]["source"]["length"] == 5, one.last["status"])
@@ -101,7 +103,7 @@ async def a_paused_source_steps_and_goes_to_any_place(folder):
 async def a_paused_source_stays_paused_whatever_its_last_frame_was(folder):
     """A frame that cannot be read is not tried again when settings change: producers saw a source that had failed, and
     waited for it to take their frames."""
-    async with Daemon("--source", "push:", "--samples", "4") as daemon:
+    async with Daemon("--source", "push:", *FEW) as daemon:
         one = await Party.come(daemon.url, "controller")
         producer = await connect(daemon.url)
         await producer.send(json.dumps({"op": "hello", "role": "producer", "version": {"major": 1, "minor": 1}}))
@@ -121,7 +123,7 @@ async def a_paused_source_stays_paused_whatever_its_last_frame_was(folder):
 
 
 async def an_ended_sequence_can_be_gone_back_to(folder):
-    async with Daemon(*skies(folder, 3), "--samples", "4", "--once") as daemon:
+    async with Daemon(*skies(folder, 3), *FEW, "--once") as daemon:
         one = await Party.come(daemon.url, "controller")
         await one.until(lambda: one.last["status"]["source"]["state"] == "ended")
         check(one.place() == 2, one.last["status"])
@@ -134,7 +136,7 @@ async def an_ended_sequence_can_be_gone_back_to(folder):
 
 
 async def a_computed_sky_has_hours(folder):
-    async with Daemon("--source", "sky:size=128x64,speed=10,time=06:00", "--samples", "4", "--rate", "50") as daemon:
+    async with Daemon("--source", "sky:size=128x64,speed=10,time=06:00", *FEW, "--rate", "50") as daemon:
         one = await Party.come(daemon.url, "controller")
         check(one.last["status"]["source"]["kind"] == "sky" and one.last["status"]["source"]["length"] is None,
               one.last["status"])
@@ -148,7 +150,7 @@ async def a_computed_sky_has_hours(folder):
 
 async def cameras_change_while_the_old_picture_stays(folder):
     """With --converge off and a paused source every new picture results from the change."""
-    async with Daemon("--source", "sky:size=128x64,time=12:00", "--samples", "4", "--converge", "off") as daemon:
+    async with Daemon("--source", "sky:size=128x64,time=12:00", *FEW, "--converge", "off") as daemon:
         one, two = await Party.come(daemon.url, "controller"), await Party.come(daemon.url, "viewer")
         check(one.last["status"]["offers"]["cameras"] == ["main", "sundial", "gallery"], one.last["status"]["offers"])
         await one.ask(paused=True)
@@ -172,7 +174,7 @@ async def cameras_change_while_the_old_picture_stays(folder):
 
 async def exposure_is_fixed_or_follows_and_bias_goes_on_top(folder):
     """With --converge off and a paused source pictures come only on request."""
-    async with Daemon("--source", "sky:size=128x64,time=12:00", "--samples", "4", "--converge", "off") as daemon:
+    async with Daemon("--source", "sky:size=128x64,time=12:00", *FEW, "--converge", "off") as daemon:
         one = await Party.come(daemon.url, "controller")
         check(one.last["control"]["exposure_stops"] is None, one.last["control"])
         await one.ask(paused=True)

@@ -67,7 +67,8 @@ async def viewers(url, count, body):
 
 async def with_server(flags, count, body):
     server = await asyncio.create_subprocess_exec(
-        str(BIN / "relightd"), "--port", "0", "--size", "160x90", "--samples", "2", *flags, stderr=asyncio.subprocess.PIPE)
+        str(BIN / "relightd"), "--port", "0", "--size", "160x90", "--samples", "2", "--paths", "direct", "--edge-rays", "1", *flags,
+        stderr=asyncio.subprocess.PIPE)
     try:
         line = ""
         while "listening on " not in line:
