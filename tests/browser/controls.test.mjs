@@ -233,7 +233,7 @@ onOnePage('one page under a computed sky', () => SKY, {
 });
 
 test('the old image stays while the page shows the new camera’s progress', () =>
-  withAll(['--size', '480x270', '--paths', 'all', ...SKY], async (page, witness) => {
+  withAll(['--size', '800x450', '--paths', 'all', ...SKY], async (page, witness) => {
     const seen = await page.evaluate(() => {
       window.shares = [];
       window.relight.app.on('status', (status) => { if (status.preparing) window.shares.push(status.preparing.share); });
