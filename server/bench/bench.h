@@ -19,7 +19,7 @@ struct bench_desc {
     struct scene_reading reading; /* of reading it */
     const char *scene_fine;       /* the same with 16 times the triangles; NULL: made by halving edges twice */
     const char *source;           /* its first frame is used */
-    const char *scenes, *sources; /* of bench_first_minute and bench_speed: lists as relight-chart's (chart/chart.h) */
+    const char *scenes, *sources; /* of bench_speed: lists as relight-chart's (chart/chart.h) */
     const char *cpu;              /* level of the kernels; NULL: the best */
     uint32_t width, height;       /* of the pictures, pixels */
     enum method method;
@@ -58,12 +58,6 @@ struct bench_report {
 /* Fills *out. A row that cannot be measured says so and is no error. Errors are those of the scene and the source, and
  * ERR_NOMEM. */
 MUST_CHECK enum err bench_run(const struct bench_desc *desc, struct bench_report *out, struct reason *why);
-
-/* The first minute of a live picture of each scene under each source: prints how its error against unbiased light falls
- * as caches are computed beside it, by the clock and by processor time, which other programs do not stretch; how it
- * flickers, and what it states of its error; then a table with the targets. The reference has 2 x desc->rounds passes.
- * At most 16 pictures. Errors as bench_run's. */
-MUST_CHECK enum err bench_first_minute(const struct bench_desc *desc, FILE *to, struct reason *why);
 
 /* What a picture by the cache of light transport costs, of each scene under each source, at desc's size and at twice
  * its width and height, by the best kernels and by those for AVX2 (or by desc->cpu alone): prints one table with the

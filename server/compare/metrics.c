@@ -11,6 +11,7 @@
 
 #define BANDS 64 /* of pixels; added in order, so that the thread count changes nothing */
 #define KEY 0.18
+#define RADIUS 2 /* of the mean that divides an error by halves, pixels */
 
 /* One band's sums over the pixels counted. */
 struct sums {
@@ -124,4 +125,51 @@ bool metrics_compare(const float *x, const float *r, const uint8_t *mask, uint32
     };
     mem_free(errors);
     return true;
+}
+
+/* Mean over the counted pixels within RADIUS of (x, y), of one channel. */
+static double mean_around(const float *a, const float *b, const uint8_t *mask, const uint32_t size[2], size_t i, int k)
+{
+    const long width = size[0], x = (long)i % width, y = (long)i / width;
+    double sum = 0.0;
+    int n = 0;
+
+    for (long v = y - RADIUS; v <= y + RADIUS; v++)
+        for (long u = x - RADIUS; u <= x + RADIUS; u++) {
+            const size_t at = (size_t)(v * width + u);
+            if (u < 0 || u >= width || v < 0 || v >= (long)size[1] || (mask && !mask[at]))
+                continue;
+            sum += 0.5 * ((double)a[3 * at + (size_t)k] + (double)b[3 * at + (size_t)k]);
+            n++;
+        }
+    return sum / n;
+}
+
+bool metrics_halves(const float *x, const float *a, const float *b, const uint8_t *mask, uint32_t width,
+                    uint32_t height, struct metrics_halves *out)
+{
+    const size_t count = (size_t)width * height;
+    double mean = 0.0, sum = 0.0, square = 0.0;
+    uint64_t n = 0;
+
+    for (size_t i = 0; i < count; i++)
+        for (size_t k = 3 * i; k < 3 * i + 3 && (!mask || mask[i]); k++) {
+            mean += 0.5 * ((double)a[k] + (double)b[k]);
+            n++;
+        }
+    mean /= fmax((double)n, 1.0);
+#pragma omp parallel for schedule(static) reduction(+ : sum, square)
+    for (size_t i = 0; i < count; i++) {
+        double pixel = 0.0;
+        for (int k = 0; k < 3 && (!mask || mask[i]); k++) {
+            const size_t v = 3 * i + (size_t)k;
+            const double r = mean_around(a, b, mask, (uint32_t[2]){ width, height }, i, k);
+            pixel += ((double)x[v] - (double)a[v]) * ((double)x[v] - (double)b[v]) / (r * r + 1e-2 * mean * mean);
+        }
+        sum += pixel / 3.0;
+        square += pixel * pixel / 9.0;
+    }
+    const double pixels = (double)n / 3.0, error = sum / pixels;
+    *out = (struct metrics_halves){ error, sqrt(fmax(square / pixels - error * error, 0.0) / pixels) };
+    return n > 0 && isfinite(error);
 }

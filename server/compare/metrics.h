@@ -18,3 +18,14 @@ struct metrics {
  * False when out of memory or if no pixel is counted. */
 bool metrics_compare(const float *x, const float *r, const uint8_t *mask, uint32_t width, uint32_t height, double trim,
                      float *error_map, struct metrics *out);
+
+struct metrics_halves {
+    double rel_mse;        /* mean((x - a)(x - b) / (r^2 + 1e-2 mean^2)) */
+    double standard_error; /* of that mean, from its pixels */
+};
+
+/* relMSE against a noisy reference of two independent halves a and b: their noise cancels in the product. It would not
+ * if each pixel's own noise divided it, so r is the mean of both halves over the 5 x 5 pixels around, of those counted.
+ * mask as above. False if no pixel is counted. */
+bool metrics_halves(const float *x, const float *a, const float *b, const uint8_t *mask, uint32_t width,
+                    uint32_t height, struct metrics_halves *out);

@@ -3,11 +3,15 @@
  */
 #include "bench/bench.h"
 #include "base/log.h"
+#include "confine/child.h"
 #include "settings/settings.h"
 #include "base/threads.h"
 #include "base/setting_table.h"
 
+#include <errno.h>
 #include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
 
 struct bench_program {
     struct setup setup; /* of which size, scene, source, cpu and threads are used */
@@ -28,8 +32,9 @@ static const struct setting rows[] = {
       AT(desc.viewers) },
     { "rounds", "N", "interleaved rounds, 3 to 99; the median counts; long rows take fewer; above 3, short ones more",
       "9", .section = "Measurement", WHOLE(3, BENCH_ROUNDS_MAX), AT(desc.rounds) },
-    { "first-minute", NULL, "measure how the error of a live image falls while its cache is computed, instead", NULL,
-      .section = "Measurement", SWITCH, AT(first_minute) },
+    { "first-minute", NULL,
+      "measure how the error of a live image falls while its cache is computed, instead; has flags of its own (--help)",
+      NULL, .section = "Measurement", SWITCH, AT(first_minute) },
     { "speed", NULL, "measure the cost of images by the cache for several scenes and skies in one table, instead", NULL,
       .section = "Measurement", SWITCH, AT(speed) },
     { "scenes", "LIST",
@@ -57,6 +62,30 @@ static enum err read_options(const struct command *c, struct bench_program *b, s
     return e;
 }
 
+/* Measures relightd from outside: replaces this process by the script, which has flags of its own. */
+static enum err run_script(char **argv, struct reason *why)
+{
+    enum { MOST = 256 };
+    char script[4096], *arguments[MOST + 3] = { (char[]){ "python3" }, script };
+    size_t count = 2;
+
+    const enum err e = child_find("relight-live/live.py", NULL, script, sizeof(script), why);
+    if (e)
+        return e;
+    for (size_t i = 1; argv[i] && count < MOST; i++)
+        arguments[count++] = argv[i];
+    execvp(arguments[0], arguments);
+    return err_say(why, ERR_IO, "python3 cannot be started: %s", strerror(errno));
+}
+
+static bool wants_script(char **argv)
+{
+    for (size_t i = 1; argv[i]; i++)
+        if (strcmp(argv[i], "--first-minute") == 0)
+            return true;
+    return false;
+}
+
 int main(int argc, char **argv)
 {
     static struct bench_program b;
@@ -73,21 +102,22 @@ int main(int argc, char **argv)
     struct reason why = { "" };
     bool done;
 
-    threads_wait_passively(argv);
     log_init("relight-bench", LOG_WARNING);
+    if (wants_script(argv)) {
+        const enum err failed = run_script(argv, &why);
+        log_error("%s", why.text);
+        return err_exit_code(failed);
+    }
+    threads_wait_passively(argv);
     command_begin(&command);
     enum err e = command_parse(&command, argc, argv, &done, &why);
     if (!e && done)
         return 0;
     if (!e)
         e = read_options(&command, &b, &why);
-    if (!e && b.first_minute)
-        e = bench_first_minute(&b.desc, stdout, &why);
-    else if (!e && b.speed)
-        e = bench_speed(&b.desc, stdout, &why);
-    else if (!e)
-        e = bench_run(&b.desc, &report, &why);
-    if (!e && !b.first_minute && !b.speed)
+    if (!e)
+        e = b.speed ? bench_speed(&b.desc, stdout, &why) : bench_run(&b.desc, &report, &why);
+    if (!e && !b.speed)
         (b.json ? bench_print_json : bench_print_table)(&report, stdout);
     if (e)
         log_error("%s", why.text[0] ? why.text : err_text(e));

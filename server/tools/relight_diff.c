@@ -1,9 +1,12 @@
 /* Compares an image with a reference: means, relative squared error, visible error, and an error map. */
 #include "codec/decode.h"
 #include "compare/error_map.h"
+#include "compare/flicker.h"
 #include "codec/exr_write.h"
 #include "compare/flip.h"
+#include "film/film.h"
 #include "base/log.h"
+#include "base/file_pattern.h"
 #include "base/mem.h"
 #include "compare/metrics.h"
 #include "base/setting_table.h"
@@ -14,6 +17,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 enum bound {
     BOUND_MEAN,
@@ -31,10 +35,14 @@ struct diff {
     float *map;
     double means[2][4]; /* luminance, red, green, blue */
     struct metrics metrics;
-    double flip; /* mean */
+    double flip;       /* mean */
+    struct image half; /* with --half; images[1] is then the mean of both */
+    struct metrics_halves halves;
+    double half_flip; /* between the halves */
     bool json;
-    const char *mask_path, *map_path; /* NULL: none */
-    double bounds[BOUNDS];            /* INFINITY: none */
+    const char *half_path, *mask_path, *map_path; /* NULL: none */
+    struct setting_frames flicker;
+    double bounds[BOUNDS]; /* INFINITY: none */
 };
 
 #define COMPARED .section = "comparison"
@@ -44,6 +52,12 @@ struct diff {
 
 static const struct setting rows[] = {
     { "mask", "FILE", "an image of the same size: its black pixels are left out", NULL, COMPARED, TEXT, AT(mask_path) },
+    { "half", "FILE",
+      "REFERENCE and FILE are two independent halves of the reference: its noise cancels in rel_mse_halves", NULL,
+      COMPARED, TEXT, AT(half_path) },
+    { "flicker", "A-B",
+      "instead of comparing: second differences of the images A to B of a pattern such as p.%d.jpg, in 8-bit codes",
+      NULL, COMPARED, .type = SETTING_FRAMES, AT(flicker) },
     { "trim", "SHARE", "share of the worst pixels that the second relMSE leaves out", "0.02", COMPARED, REAL(0.0, 1.0),
       AT(trim) },
     { "pixels-per-degree", "X", "viewing distance for FLIP, in pixels per degree", "67", COMPARED,
@@ -115,6 +129,26 @@ static void take_means(struct diff *d)
             d->means[n][k + 1] = sum[k] / (double)d->metrics.pixels;
         d->means[n][0] = 0.2126 * d->means[n][1] + 0.7152 * d->means[n][2] + 0.0722 * d->means[n][3];
     }
+}
+
+/* images[1] becomes the mean of both halves. */
+static enum err compare_halves(struct diff *d, struct reason *why)
+{
+    struct image *r = &d->images[1];
+    const size_t values = 3 * (size_t)r->width * r->height;
+    enum err e = load(d->half_path, &d->half, why);
+
+    if (!e)
+        e = want_same_size(d->half_path, &d->half, d->names[1], r, why);
+    if (e)
+        return e;
+    if (!metrics_halves(d->images[0].rgb, r->rgb, d->half.rgb, d->mask, r->width, r->height, &d->halves))
+        return err_say(why, ERR_RANGE, "no pixel is left to compare: the mask is black, or the reference is");
+    if (!flip_compare(d->half.rgb, r->rgb, d->mask, r->width, r->height, d->pixels_per_degree, NULL, &d->half_flip))
+        return err_say(why, ERR_NOMEM, "no memory to compare the halves");
+    for (size_t v = 0; v < values; v++)
+        r->rgb[v] = 0.5f * (r->rgb[v] + d->half.rgb[v]);
+    return ERR_OK;
 }
 
 static enum err compare(struct diff *d, struct reason *why)
@@ -189,8 +223,12 @@ static void print_table(const struct diff *d)
                ratio(d->means[0][i], d->means[1][i]));
     snprintf(trimmed, sizeof(trimmed), "  without the worst %.3g %%", 100.0 * d->trim);
     printf("\n%-26s%11.4g\n%-26s%11.4g\n", "relMSE", m->rel_mse, trimmed, m->rel_mse_trimmed);
+    if (d->half_path)
+        printf("%-26s%11.4g +- %.1g\n", "  crosswise, of halves", d->halves.rel_mse, d->halves.standard_error);
     printf("%-26s%11.4g\n", "delta E*ab, mean", m->delta_e);
     printf("%-26s%11.4g\n", "FLIP, mean", d->flip);
+    if (d->half_path)
+        printf("%-26s%11.4g\n", "  between the halves", d->half_flip);
 }
 
 /* JSON knows no infinity: null. */
@@ -209,6 +247,10 @@ static enum err print_json(const struct diff *d, struct reason *why)
                           number(m->mean_ratio), "rel_mse", number(m->rel_mse), "rel_mse_trimmed",
                           number(m->rel_mse_trimmed), "trim", d->trim, "delta_e", number(m->delta_e), "flip", d->flip);
 
+    if (d->half_path)
+        json_object_update_new(o, json_pack("{s:o, s:o, s:f}", "rel_mse_halves", number(d->halves.rel_mse),
+                                            "rel_mse_halves_error", number(d->halves.standard_error), "flip_halves",
+                                            d->half_flip));
     /* names that are no UTF-8 cannot stand in JSON */
     if (!o || json_dumpf(o, stdout, JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(9)) != 0) {
         json_decref(o);
@@ -236,16 +278,85 @@ static int exceeded(const struct diff *d)
     return count;
 }
 
+/* The image as codes; decoding has made them linear light. */
+static enum err load_codes(const char *path, struct image *im, uint8_t **codes, struct reason *why)
+{
+    const enum err e = decode_file(path, im, why);
+    const size_t values = 3 * (size_t)im->width * im->height;
+
+    if (e)
+        return e;
+    mem_free(*codes);
+    *codes = mem_alloc(values, 1);
+    if (!*codes)
+        return err_say(why, ERR_NOMEM, "%s: out of memory", path);
+    for (size_t v = 0; v < values; v++)
+        (*codes)[v] = (uint8_t)lrint(255.0 * tone_srgb(fmin((double)im->rgb[v], 1.0)));
+    return ERR_OK;
+}
+
+/* Numbers without a file interrupt the sequence: only three images in a row count. */
+static enum err measure_flicker(const struct diff *d, struct flicker *f, struct reason *why)
+{
+    struct image im = { 0 };
+    uint8_t *codes[3] = { NULL };
+    char path[4096];
+    struct file_pattern pattern;
+    uint64_t in_row = 0;
+    size_t values = 0;
+    enum err e = file_pattern_parse(d->names[0], "--flicker", &pattern, why);
+
+    for (uint64_t n = d->flicker.first; n <= d->flicker.last && !e; n++) {
+        uint8_t *oldest = codes[2];
+        if (file_pattern_name(&pattern, n, path, sizeof(path), why) || access(path, F_OK) != 0) {
+            in_row = 0;
+            continue;
+        }
+        codes[2] = codes[1];
+        codes[1] = codes[0];
+        codes[0] = oldest;
+        e = load_codes(path, &im, &codes[0], why);
+        in_row = 3 * (size_t)im.width * im.height == values ? in_row + 1 : 1;
+        values = 3 * (size_t)im.width * im.height;
+        if (!e && in_row >= 3)
+            flicker_add(f, codes[0], codes[1], codes[2], values);
+    }
+    for (int k = 0; k < 3; k++)
+        mem_free(codes[k]);
+    image_finish(&im);
+    return e || f->triples > 0 ? e : err_say(why, ERR_RANGE, "%s: no three images in a row", d->names[0]);
+}
+
+static enum err run_flicker(const struct diff *d, struct reason *why)
+{
+    static struct flicker f;
+    static const double shares[] = { 0.5, 0.9, 0.99, 0.999, 1.0 };
+    const enum err e = measure_flicker(d, &f, why);
+
+    if (e)
+        return e;
+    printf(d->json ? "{\"triples\": %" PRIu64 ", \"percentiles\": {"
+                   : "%" PRIu64 " times three images in a row; codes\n",
+           f.triples);
+    for (size_t i = 0; i < sizeof(shares) / sizeof(shares[0]); i++)
+        printf(d->json ? "%s\"%g\": %d" : "%s%7g %% at most %d\n", d->json && i > 0 ? ", " : "", 100.0 * shares[i],
+               flicker_percentile(&f, shares[i]));
+    fputs(d->json ? "}}\n" : "", stdout);
+    return ERR_OK;
+}
+
 /* Checks everything on the command line before any file is opened. */
 static enum err read_options(const struct command *c, struct diff *d, struct reason *why)
 {
-    if (c->operand_count != 2)
-        return err_say(why, ERR_USAGE, "expected two images, PICTURE and REFERENCE (see %s --help)", c->name);
-    d->names[0] = c->operands[0];
-    d->names[1] = c->operands[1];
     for (int i = 0; i < BOUNDS; i++)
         d->bounds[i] = INFINITY;
     const enum err e = command_read(c, why);
+    if (!e && c->operand_count != (d->flicker.given ? 1 : 2))
+        return err_say(why, ERR_USAGE,
+                       "expected two images, PICTURE and REFERENCE, or a pattern with --flicker (see %s --help)",
+                       c->name);
+    d->names[0] = c->operands[0];
+    d->names[1] = c->operands[1];
     if (!e && d->map_path && !ends_with(d->map_path, ".png") && !ends_with(d->map_path, ".exr"))
         return err_say(why, ERR_USAGE, "--map '%s' ends neither in .png nor in .exr", d->map_path);
     return e;
@@ -255,12 +366,16 @@ static enum err run(const struct command *c, struct diff *d, struct reason *why)
 {
     enum err e = read_options(c, d, why);
 
+    if (!e && d->flicker.given)
+        return run_flicker(d, why);
     for (int i = 0; i < 2 && !e; i++)
         e = load(d->names[i], &d->images[i], why);
     if (!e)
         e = want_same_size(d->names[0], &d->images[0], d->names[1], &d->images[1], why);
     if (!e && d->mask_path)
         e = load_mask(d, d->mask_path, why);
+    if (!e && d->half_path)
+        e = compare_halves(d, why);
     if (!e)
         e = compare(d, why);
     if (!e)
@@ -278,7 +393,7 @@ int main(int argc, char **argv)
     struct diff d = { 0 };
     struct command command = {
         .name = "relight-diff",
-        .synopsis = "PICTURE REFERENCE [--map FILE] [--max-relmse X] ...",
+        .synopsis = "PICTURE REFERENCE [--half FILE] [--map FILE] [--max-relmse X] ...",
         .about = "Compares two linear images (OpenEXR or Radiance .hdr): the ratio of their means, relMSE = mean((x "
                  "- r)^2 /\n"
                  "(r^2 + 0.01 mean(r)^2)) over channels and pixels, and, after one tone map on both (filmic, the "
@@ -303,12 +418,13 @@ int main(int argc, char **argv)
     if (e) {
         log_error("%s", why.text[0] ? why.text : err_text(e));
         code = err_exit_code(e);
-    } else if (exceeded(&d) > 0) {
+    } else if (!d.flicker.given && exceeded(&d) > 0) {
         code = 1;
     }
     mem_free(d.map);
     mem_free(d.mask);
     image_finish(&d.images[0]);
     image_finish(&d.images[1]);
+    image_finish(&d.half);
     return code;
 }

@@ -52,6 +52,35 @@ flip_of_greys_follows_from_delta_e() {
     expect 2 'pixels-per-degree' "$bin/relight-diff" "$work/a.hdr" "$work/b.hdr" --pixels-per-degree 0
 }
 
+# 160/128 against halves of 120/128 and 136/128, whose mean is 1: 0.3125 * 0.1875 / 1.01.
+halves_of_a_reference_are_multiplied() {
+    flat "$work/a.hdr" 20 10 160
+    flat "$work/b.hdr" 20 10 120
+    flat "$work/c.hdr" 20 10 136
+    "$bin/relight-diff" "$work/a.hdr" "$work/b.hdr" --half "$work/c.hdr" --json >"$work/json"
+    near "$(value rel_mse_halves)" 0.0580136
+    near "$(value mean_ratio)" 1.25
+    near "$(value rel_mse)" 0.0618812
+    awk -v f="$(value flip_halves)" 'BEGIN { exit !(f > 0.01) }' || fail "the halves do not differ"
+    flat "$work/d.hdr" 10 10 136
+    expect 1 'd.hdr is 10x10' "$bin/relight-diff" "$work/a.hdr" "$work/b.hdr" --half "$work/d.hdr"
+}
+
+# Light 1, 1/2, 1 is 255, 188, 255 in sRGB: 255 - 2 * 188 + 255. A missing number interrupts the sequence.
+flicker_is_the_second_difference_of_codes() {
+    local k=0 mantissa
+    for mantissa in 128 64 128 128 64 64; do
+        k=$((k + 1))
+        [ $k = 4 ] || flat "$work/p.$k.hdr" 20 10 "$mantissa"
+    done
+    "$bin/relight-diff" --flicker 1-9 "$work/p.%d.hdr" --json >"$work/json"
+    [ "$(cat "$work/json")" = '{"triples": 1, "percentiles": {"50": 134, "90": 134, "99": 134, "99.9": 134, "100": 134}}' ] ||
+        { cat "$work/json"; fail "not 134 codes"; }
+    "$bin/relight-diff" --flicker 1-3 "$work/p.%d.hdr" | grep -q ' 99.9 % at most 134$' || fail "the table"
+    expect 1 'no three images in a row' "$bin/relight-diff" --flicker 4-6 "$work/p.%d.hdr"
+    expect 2 'a pattern with --flicker' "$bin/relight-diff" --flicker 1-3
+}
+
 each_bound_ends_with_1_and_is_named() {
     flat "$work/a.hdr" 20 10 160
     flat "$work/b.hdr" 20 10 128
