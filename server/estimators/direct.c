@@ -261,6 +261,17 @@ static enum err reserve_notes(struct direct_log_sample **notes, uint32_t *room, 
     return ERR_OK;
 }
 
+/* Forgets the last run's samples, of which a black sky has none, and keeps the point and the arrays' memory. */
+static void reset_log(struct direct_log *log)
+{
+    *log = (struct direct_log){ .packet = log->packet,
+                                .lane = log->lane,
+                                .light = log->light,
+                                .lobes = log->lobes,
+                                .light_room = log->light_room,
+                                .lobe_room = log->lobe_room };
+}
+
 /* The log before shading: all samples generated, none chosen. */
 static enum err begin_log(struct direct_log *log, const struct gbuffer *g, const struct direct_frame *f)
 {
@@ -272,8 +283,6 @@ static enum err begin_log(struct direct_log *log, const struct gbuffer *g, const
     log->has_sun = log->strata > 0 && lights->has_sun;
     log->light_count = log->strata > 0 ? lights->first[lights->strata] : 0;
     log->lobe_count = lobe_count(log->samples, f->brdf_part);
-    memset(log->share, 0, sizeof(log->share));
-    memset(log->count, 0, sizeof(log->count));
     memcpy(log->first, lights->first, sizeof(log->first));
     memcpy(log->energy, lights->energy, sizeof(log->energy));
     if (reserve_notes(&log->light, &log->light_room, log->light_count) ||
@@ -324,6 +333,8 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
     environment_complete(e);
     assert(e->ready && desc->samples >= 1 && desc->method != METHOD_CACHED);
     *stats = (struct direct_stats){ 0 };
+    if (desc->log)
+        reset_log(desc->log);
     enum err result = fold_sets(g, desc, &frame);
     if (!result && !desc->keep && (recipe->strata == STRATA_LATLONG || recipe->strata == STRATA_ROWS))
         result = latlong_build(&d->latlong, e, desc->why);
@@ -333,8 +344,6 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
         for (uint32_t k = 0; k < (desc->only ? desc->only->count : g->packet_count); k++)
             memset(lo + (size_t)(desc->only ? desc->only->index[k] : k) * 3 * PACKET, 0, 3 * PACKET * sizeof(float));
         d->lights[0].strata = 0;
-        if (desc->log)
-            desc->log->strata = desc->log->light_count = desc->log->lobe_count = 0;
         return ERR_OK;
     }
     result = build_table(d, e, desc, recipe, &s);

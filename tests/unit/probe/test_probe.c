@@ -539,6 +539,27 @@ static void a_black_sky_is_answered(void **state)
     stand_finish(&s);
 }
 
+/* Nothing of an answer under a sun is left in the next one under a black sky. */
+static void a_black_sky_after_a_sun_has_no_strata(void **state)
+{
+    const struct direct_desc way = { .method = METHOD_AUTO, .samples = 16 };
+    struct stand s = stand_court();
+    struct probe_desc desc = question(&s, &way, 48, 40);
+    struct environment *sunny = s.sky;
+    (void)state;
+
+    const struct probe_result *a = ask(&s, &desc);
+    assert_true(a->points > 0 && a->log.has_sun && a->log.strata > 0 && a->log.count[a->log.strata - 1] > 0.0f);
+    s.sky = sky_environment(sky_constant(16, 8, 0.0f), 16, 0.0);
+    desc = question(&s, &way, 48, 40);
+    a = ask(&s, &desc);
+    assert_true(!a->log.has_sun && a->log.strata == 0 && a->log.light_count == 0 && a->log.lobe_count == 0);
+    for (uint32_t f = 0; f < STRATA_MAX; f++)
+        assert_true(a->log.count[f] == 0.0f && a->log.share[f] == 0.0f && a->log.energy[f] == 0.0);
+    environment_destroy(sunny);
+    stand_finish(&s);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(samples_add_up_to_the_picture),
     cmocka_unit_test(a_probe_changes_no_picture),
@@ -553,6 +574,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_reference_is_right_within_its_error),
     cmocka_unit_test(the_figure_is_a_preset),
     cmocka_unit_test(a_black_sky_is_answered),
+    cmocka_unit_test(a_black_sky_after_a_sun_has_no_strata),
 };
 
 UNIT_MAIN(tests)
