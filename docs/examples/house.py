@@ -248,7 +248,7 @@ def garden(s):
 def material(colour=(1, 1, 1), roughness=0.9, metallic=0.0, texture=None, **more):
     pbr = {"baseColorFactor": [*colour, 1], "roughnessFactor": roughness, "metallicFactor": metallic}
     if texture:
-        pbr["baseColorTexture"] = {"index": ["grass", "boards", "roof", "paving", "leaves"].index(texture)}
+        pbr["baseColorTexture"] = {"index": texture}
     return {"pbrMetallicRoughness": pbr, **more}
 
 
@@ -306,26 +306,26 @@ class Binary:
         return len(self.accessors) - 1
 
 
-def gltf(s):
+def gltf(s, materials, images, nodes):
+    """A .glb file: nodes refer to mesh 0 (the shapes) and camera 0, materials to images by name."""
     b = Binary()
-    names = [m for m in MATERIALS if m in s.by_material]
+    names = [m for m in materials if m in s.by_material]
+    used = {name: json.loads(json.dumps(materials[name])) for name in names}
     primitives = []
     for m in names:
         p, n, t, indices = s.by_material[m]
         attributes = {"POSITION": b.vectors(p, "VEC3"), "NORMAL": b.vectors(n, "VEC3")}
-        if "baseColorTexture" in MATERIALS[m]["pbrMetallicRoughness"]:
+        texture = used[m]["pbrMetallicRoughness"].get("baseColorTexture")
+        if texture:
+            texture["index"] = list(images).index(texture["index"])
             attributes["TEXCOORD_0"] = b.vectors(t, "VEC2")
         primitives.append({"attributes": attributes, "indices": b.indices(indices), "material": names.index(m)})
-    images = [grass(), boards(), tiles((0.66, 0.36, 0.27), 4, 8, True), tiles((0.62, 0.58, 0.52), 4, 4, False), leaves()]
     camera = {"type": "perspective", "perspective": {"yfov": 0.72, "znear": 0.05, "aspectRatio": 16 / 9}}
-    nodes = [{"mesh": 0, "name": "house and garden"},
-             {"camera": 0, "name": "garden", "matrix": look((-5.6, 1.75, -11.5), (0.6, 1.75, -2.0))},
-             {"camera": 0, "name": "room", "matrix": look((3.9, 1.6, 2.4), (-1.6, 1.15, -2.2))}]
-    doc = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0, 1, 2]}], "nodes": nodes, "cameras": [camera],
-           "meshes": [{"primitives": primitives}], "materials": [{"name": m, **MATERIALS[m]} for m in names],
+    doc = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": list(range(len(nodes)))}], "nodes": nodes, "cameras": [camera],
+           "meshes": [{"primitives": primitives}], "materials": [{"name": m, **used[m]} for m in names],
            "textures": [{"source": k, "sampler": 0} for k in range(len(images))], "samplers": [{}],
-           "images": [{"bufferView": b.view(i), "mimeType": "image/png"} for i in images],
-           "extensionsUsed": ["KHR_materials_diffuse_transmission", "KHR_materials_transmission"],
+           "images": [{"bufferView": b.view(i), "mimeType": "image/png"} for i in images.values()],
+           "extensionsUsed": sorted({e for m in used.values() for e in m.get("extensions", {})}),
            "accessors": b.accessors, "bufferViews": b.views, "buffers": [{"byteLength": len(b.bytes)}]}
     text = json.dumps(doc, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
@@ -340,7 +340,13 @@ def main():
     shapes = Shapes()
     house(shapes)
     garden(shapes)
-    (pathlib.Path(sys.argv[1]) / "house.glb").write_bytes(gltf(shapes))
+    images = {"grass": grass(), "boards": boards(), "roof": tiles((0.66, 0.36, 0.27), 4, 8, True),
+              "paving": tiles((0.62, 0.58, 0.52), 4, 4, False), "leaves": leaves()}
+    nodes = [{"mesh": 0, "name": "house and garden"},
+             {"camera": 0, "name": "garden", "matrix": look((-5.6, 1.75, -11.5), (0.6, 1.75, -2.0))},
+             {"camera": 0, "name": "room", "matrix": look((3.9, 1.6, 2.4), (-1.6, 1.15, -2.2))}]
+    (pathlib.Path(sys.argv[1]) / "house.glb").write_bytes(gltf(shapes, MATERIALS, images, nodes))
 
 
-main()
+if __name__ == "__main__":
+    main()

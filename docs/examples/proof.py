@@ -4,14 +4,19 @@ obelisk, matte), knot.obj and knot.json (a glossy knot of 240 000 triangles on a
 around a sun that is not clipped: 3e4 times the sky), and thousand.hdr (a clear sky whose sun, a disc of 3 degrees, is 1000
 times as bright as the rest).
 
+With --clouds N instead: clouds.0000.exr to clouds.<N-1>.exr, clouds that drift before a moving sun of 0.53 degrees, which
+is not clipped either: about 2e5 times as bright as the sky.
+
     python3 proof.py FOLDER
+    python3 proof.py FOLDER --clouds N [--step SECONDS] [--hour H]
 """
+import argparse
 import json
 import math
 import pathlib
 import random
 import struct
-import sys
+import zlib
 
 WIDTH, HEIGHT = 512, 256  # of the sky
 SUN = (0.8, 0.28)  # its place in the picture
@@ -158,10 +163,143 @@ def write_sky(path, light):
                 out.write(struct.pack("4B", *(min(255, int(c * scale)) for c in rgb), exponent + 128))
 
 
+# ---- A sequence of clouds in OpenEXR ----
+
+WIDE = 1024, 512  # pixels of each image
+LATITUDE, DECLINATION = math.radians(45), math.radians(15)
+PERIOD, TEXELS = 8, 512  # of the tile of noise: in heights of the clouds' base, 1.5 km, and in samples
+WIND = (0.0067, 0.002), (0.004, 0.0045)  # of the large and of the small shapes, 1.5 km/s: 10 and 9 m/s
+SUN_COSINE = math.cos(math.radians(0.265))
+SUN_RADIANCE = 2e5  # outside the air; the clear sky is about 0.5 to 1
+
+
+def tile(rng):
+    """Smooth noise from 0 to 1 that repeats at the edges: four octaves."""
+    out = [[0.0] * TEXELS for _ in range(TEXELS)]
+    for octave in range(4):
+        cells = 2 * PERIOD << octave
+        grid = [[rng.random() for _ in range(cells)] for _ in range(cells)]
+        steps = [(int(k * cells / TEXELS), k * cells / TEXELS % 1) for k in range(TEXELS)]
+        steps = [(i, (i + 1) % cells, a * a * (3 - 2 * a)) for i, a in steps]
+        for row, (j, l, b) in zip(out, steps):
+            near = [p * (1 - b) + q * b for p, q in zip(grid[j], grid[l])]
+            for x, (i, k, a) in enumerate(steps):
+                row[x] += (near[i] * (1 - a) + near[k] * a) * 0.5 ** octave * 8 / 15
+    return out
+
+
+def sun_at(hour):
+    """The direction to the sun: Y up, north +Z, east -X."""
+    turn = math.radians(15 * (hour - 12))
+    up = math.sin(LATITUDE) * math.sin(DECLINATION) + math.cos(LATITUDE) * math.cos(DECLINATION) * math.cos(turn)
+    return (math.cos(DECLINATION) * math.sin(turn), up,
+            math.sin(DECLINATION) * math.cos(LATITUDE) - math.cos(DECLINATION) * math.sin(LATITUDE) * math.cos(turn))
+
+
+def covered(x, y, sun):
+    """The part of a pixel that the sun covers."""
+    inside = 0
+    for j in range(16):
+        for i in range(16):
+            d = direction((x + (i + 0.5) / 16) / WIDE[0], (y + (j + 0.5) / 16) / WIDE[1])
+            inside += sum(a * b for a, b in zip(d, sun)) > SUN_COSINE
+    return inside / 256
+
+
+def drifting(noise_tile, pixels, sun, seconds):
+    """Three planes of rows. pixels: of each row of the upper half its directions and their places on the clouds' plane."""
+    mass = 1 / max(0.03, sun[1] + 0.05)  # of air, relative to that above
+    white = [math.exp(-t * mass) for t in (0.1, 0.15, 0.27)]
+    bright = 0.25 + 0.75 * max(0.0, sun[1])
+    scale = TEXELS / PERIOD
+    (ax, az), (bx, bz) = ((seconds * k for k in w) for w in WIND)
+
+    def noise_at(u, v):
+        i, j = math.floor(u), math.floor(v)
+        a, b = u - i, v - j
+        top, low = noise_tile[j % TEXELS], noise_tile[(j + 1) % TEXELS]
+        i, k = i % TEXELS, (i + 1) % TEXELS
+        return (top[i] * (1 - a) + top[k] * a) * (1 - b) + (low[i] * (1 - a) + low[k] * a) * b
+
+    red, green, blue = [], [], []
+    for y, row in enumerate(pixels):
+        for x, (dx, dy, dz, px, pz) in enumerate(row):
+            shape = 0.65 * noise_at((px - ax) * scale, (pz - az) * scale) + \
+                0.35 * noise_at((px - bx) * scale * 2.7, (pz - bz) * scale * 2.7)
+            cloud = min(1.0, max(0.0, (shape - 0.47) * 7))
+            near = max(0.0, dx * sun[0] + dy * sun[1] + dz * sun[2])
+            glow = 1.5 * near ** 60
+            grey = cloud * bright * (0.85 + 1.2 * near ** 8 + 0.5 * (1 - cloud))
+            clear = 1 - cloud
+            rgb = [clear * (bright * (c + (0.35 - 0.25 * k) * (1 - dy)) + glow * w) + grey * (0.3 + 0.7 * w)
+                   for k, (c, w) in enumerate(zip((0.2, 0.36, 0.75), white))]
+            if near > 0.9999:  # 0.8 degrees: all pixels that the sun may touch
+                part = SUN_RADIANCE * covered(x, y, sun) * (1 - 0.999 * cloud)
+                rgb = [c + part * w for c, w in zip(rgb, white)]
+            red.append(rgb[0])
+            green.append(rgb[1])
+            blue.append(rgb[2])
+    for plane, ground in ((red, 0.12), (green, 0.11), (blue, 0.1)):
+        plane += [ground * bright] * (WIDE[0] * (WIDE[1] - len(pixels)))
+    return red, green, blue
+
+
+def write_exr(path, planes):
+    """32-bit floats, ZIP compression of 16 rows each [OpenEXR file layout]."""
+    width, height = WIDE
+
+    def attribute(name, kind, value):
+        return name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(value)) + value
+
+    window = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    channels = b"".join(c + b"\0" + struct.pack("<iB3x2i", 2, 0, 1, 1) for c in (b"B", b"G", b"R")) + b"\0"
+    head = struct.pack("<2i", 20000630, 2) + attribute("channels", "chlist", channels) + \
+        attribute("compression", "compression", b"\3") + attribute("dataWindow", "box2i", window) + \
+        attribute("displayWindow", "box2i", window) + attribute("lineOrder", "lineOrder", b"\0") + \
+        attribute("pixelAspectRatio", "float", struct.pack("<f", 1)) + \
+        attribute("screenWindowCenter", "v2f", struct.pack("<2f", 0, 0)) + \
+        attribute("screenWindowWidth", "float", struct.pack("<f", 1)) + b"\0"
+    red, green, blue = planes
+    blocks = []
+    for first in range(0, height, 16):
+        raw = b"".join(struct.pack(f"<{width}f", *plane[y * width:(y + 1) * width])
+                       for y in range(first, min(first + 16, height)) for plane in (blue, green, red))
+        split = raw[::2] + raw[1::2]
+        steps = bytes([split[0]]) + bytes((b - a + 128) & 255 for a, b in zip(split, split[1:]))
+        packed = zlib.compress(steps, 1)
+        data = packed if len(packed) < len(raw) else raw
+        blocks.append(struct.pack("<2i", first, len(data)) + data)
+    at = len(head) + 8 * len(blocks)
+    with open(path, "wb") as out:
+        out.write(head)
+        for block in blocks:
+            out.write(struct.pack("<Q", at))
+            at += len(block)
+        out.writelines(blocks)
+
+
+def write_clouds(folder, count, step, hour):
+    noise_tile = tile(random.Random(9))
+    pixels = []
+    for y in range(WIDE[1] // 2):
+        row = (direction((x + 0.5) / WIDE[0], (y + 0.5) / WIDE[1]) for x in range(WIDE[0]))
+        pixels.append([(*d, d[0] / (d[1] + 0.15), d[2] / (d[1] + 0.15)) for d in row])
+    for k in range(count):
+        sun = sun_at(hour + k * step / 3600)
+        write_exr(folder / f"clouds.{k:04d}.exr", drifting(noise_tile, pixels, sun, k * step))
+
+
 def main():
-    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
-        sys.exit(__doc__.strip())
-    folder = pathlib.Path(sys.argv[1])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=pathlib.Path, metavar="FOLDER")
+    parser.add_argument("--clouds", type=int, metavar="N", help="write N images of moving clouds instead")
+    parser.add_argument("--step", type=float, default=15, metavar="SECONDS", help="between two images [15]")
+    parser.add_argument("--hour", type=float, default=12, metavar="H", help="of the first image, solar time [12]")
+    options = parser.parse_args()
+    folder = options.folder
+    if options.clouds is not None:
+        write_clouds(folder, options.clouds, options.step, options.hour)
+        return
     for name, (mesh, scene) in (("plaza", plaza()), ("knot", knot())):
         mesh.write(folder / f"{name}.obj")
         (folder / f"{name}.json").write_text(json.dumps(scene, indent=1) + "\n")
