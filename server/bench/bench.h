@@ -18,7 +18,7 @@ struct bench_desc {
     const char *scene;            /* a path; NULL: the built-in one */
     struct scene_reading reading; /* of reading it */
     const char *scene_fine;       /* the same with 16 times the triangles; NULL: made by halving edges twice */
-    const char *source;           /* its first frame is used */
+    const char *source;           /* of the eight skies that repeated work takes in turns */
     const char *scenes, *sources; /* of bench_speed: lists as relight-chart's (chart/chart.h) */
     const char *cpu;              /* level of the kernels; NULL: the best */
     uint32_t width, height;       /* of the pictures, pixels */

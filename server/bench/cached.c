@@ -36,7 +36,7 @@ enum err cached_create(struct bench *b, struct cached **out, struct reason *why)
     resolve_mask(b->set->gbuffer, c->mask);
     enum err e = relighter_prepare(c->relighter, &c->light, false, &ms);
     if (!e)
-        e = relighter_run(c->relighter, b->environment, &c->light, c->rgb, &c->stats);
+        e = relighter_run(c->relighter, b->sky->environment, &c->light, c->rgb, &c->stats);
     return e ? err_say(why, e, "%s", c->why.text[0] ? c->why.text : err_text(e)) : ERR_OK;
 }
 

@@ -40,10 +40,10 @@ static void clamp_image(struct environment *e, float level)
  * computed. *out: owned by the caller, after an error too. */
 static enum err without_bright(const struct bench *b, struct environment **out)
 {
-    struct environment *e = environment_create(&(struct environment_desc){ .n = b->environment->n });
+    struct environment *e = environment_create(&(struct environment_desc){ .n = b->skies[0].environment->n });
     struct sky_split sky = { .level = 0.0f };
     struct reason why;
-    enum err result = e ? environment_update(e, &b->frame, &why) : ERR_NOMEM;
+    enum err result = e ? environment_update(e, b->skies[0].frame, &why) : ERR_NOMEM;
 
     *out = e;
     for (int k = 0; k < CLAMP_TIMES && !result; k++) {
@@ -62,7 +62,7 @@ static bool has_level(struct bench *b, struct bench_row *row, enum err *e)
 {
     struct sky_split sky = { .level = 0.0f };
 
-    *e = sky_split_take(&sky, b->environment);
+    *e = sky_split_take(&sky, b->skies[0].environment);
     const bool has = sky.level > 0.0f;
     sky_split_finish(&sky);
     if (!*e && !has)
@@ -148,7 +148,7 @@ enum err cached_bias(struct bench *b, struct cached *c, bool bright, struct benc
     }
     if (bright)
         e = without_bright(b, &clamped);
-    const struct environment *sky = bright ? clamped : b->environment;
+    const struct environment *sky = bright ? clamped : b->skies[0].environment;
     if (!e)
         e = cached_truth_make(c, sky, &t);
     if (!e)
@@ -287,8 +287,8 @@ static enum err measure_seams(struct seams *s, struct bench *b, struct bench_row
     enum err e = ERR_OK;
 
     for (int k = 0; k < 2 && !e; k++) {
-        e = transport_shade(s->cache[k], b->environment, &frame, s->lo, &stats);
-        resolve_pixels(g, s->lo, b->environment, s->picture[k]);
+        e = transport_shade(s->cache[k], b->skies[0].environment, &frame, s->lo, &stats);
+        resolve_pixels(g, s->lo, b->skies[0].environment, s->picture[k]);
     }
     if (e)
         return e;
@@ -409,8 +409,8 @@ static enum err motion_run(struct motion *m, struct bench_row *row)
         m->codes[k] = mem_alloc(m->c->values, sizeof(float));
         room = room && m->codes[k];
     }
-    m->sky = environment_create(&(struct environment_desc){ .n = m->b->environment->n });
-    enum err e = room && m->sky ? environment_update(m->sky, &m->b->frame, &why) : ERR_NOMEM;
+    m->sky = environment_create(&(struct environment_desc){ .n = m->b->skies[0].environment->n });
+    enum err e = room && m->sky ? environment_update(m->sky, m->b->skies[0].frame, &why) : ERR_NOMEM;
     for (int i = 0; i < STEP_FRAMES && !e; i++) {
         e = make_frame(m, i);
         if (!e && i >= 2)

@@ -22,9 +22,11 @@
 #define WAIT_SECONDS 5
 
 struct delivery {
+    const struct bench *bench;
     uint32_t viewers;
-    uint8_t *bytes; /* of a picture */
-    size_t size;
+    uint8_t *bytes[BENCH_SKIES]; /* of the pictures */
+    size_t size[BENCH_SKIES];
+    uint32_t now; /* {lock} the picture */
     uint8_t *room;
     struct server *server;
     struct protocol_picture header;
@@ -144,7 +146,8 @@ static bool read_picture(struct delivery *d, int fd)
 static enum err deliver(void *context)
 {
     struct delivery *d = context;
-    struct picture *p = picture_create(&d->header, d->bytes, d->size);
+    const size_t k = d->bench->turn % BENCH_SKIES;
+    struct picture *p = picture_create(&d->header, d->bytes[k], d->size[k]);
 
     if (!p)
         return ERR_NOMEM;
@@ -185,12 +188,13 @@ static void *write_main(void *arg)
         while (d->requested == done)
             pthread_cond_wait(&d->wake, &d->lock);
         const bool ends = d->requested == UINT64_MAX;
+        const uint32_t k = d->now;
         pthread_mutex_unlock(&d->lock);
         if (ends)
             return NULL;
         for (uint32_t i = 0; i < d->viewers; i++)
-            for (size_t at = 0; at < d->size;) {
-                const ssize_t n = send(d->ends[i], d->bytes + at, d->size - at, MSG_NOSIGNAL);
+            for (size_t at = 0; at < d->size[k];) {
+                const ssize_t n = send(d->ends[i], d->bytes[k] + at, d->size[k] - at, MSG_NOSIGNAL);
                 if (n <= 0)
                     return NULL;
                 at += (size_t)n;
@@ -202,6 +206,7 @@ static void request_pictures(struct delivery *d, uint64_t count)
 {
     pthread_mutex_lock(&d->lock);
     d->requested = count;
+    d->now = d->bench->turn % BENCH_SKIES;
     pthread_cond_signal(&d->wake);
     pthread_mutex_unlock(&d->lock);
 }
@@ -212,7 +217,7 @@ static enum err deliver_bare(void *context)
 
     request_pictures(d, d->requested + 1);
     for (uint32_t i = 0; i < d->viewers; i++)
-        if (!read_bytes(d->bare[i], d->room, ROOM, d->size))
+        if (!read_bytes(d->bare[i], d->room, ROOM, d->size[d->now]))
             return ERR_IO;
     return ERR_OK;
 }
@@ -255,25 +260,25 @@ static void delivery_finish(struct delivery *d)
     server_destroy(d->server);
     pthread_mutex_destroy(&d->lock);
     pthread_cond_destroy(&d->wake);
-    mem_free(d->bytes);
+    for (int k = 0; k < BENCH_SKIES; k++)
+        mem_free(d->bytes[k]);
     mem_free(d->room);
 }
 
-/* The bench's picture as a JPEG. */
+/* The bench's pictures as JPEGs. */
 static enum err make_bytes(struct delivery *d, const struct bench *b)
 {
     struct jpeg_encoder *j = jpeg_encoder_create();
     const uint8_t *bytes;
-    enum err e =
-        j ? jpeg_encode(j, b->display, b->desc->width, b->desc->height, BENCH_QUALITY, &bytes, &d->size) : ERR_NOMEM;
+    enum err e = j && (d->room = mem_alloc(ROOM, 1)) ? ERR_OK : ERR_NOMEM;
 
-    if (!e) {
-        d->bytes = mem_alloc(d->size, 1);
-        d->room = mem_alloc(ROOM, 1);
-        e = d->bytes && d->room ? ERR_OK : ERR_NOMEM;
+    for (int k = 0; k < BENCH_SKIES && !e; k++) {
+        e = jpeg_encode(j, b->skies[k].display, b->desc->width, b->desc->height, BENCH_QUALITY, &bytes, &d->size[k]);
+        if (!e && !(d->bytes[k] = mem_alloc(d->size[k], 1)))
+            e = ERR_NOMEM;
+        if (!e)
+            memcpy(d->bytes[k], bytes, d->size[k]);
     }
-    if (!e)
-        memcpy(d->bytes, bytes, d->size);
     jpeg_encoder_destroy(j);
     return e;
 }
@@ -282,6 +287,7 @@ enum err bench_delivery(struct bench *b, struct bench_row *row)
 {
     const uint32_t viewers = b->desc->viewers < VIEWERS_MAX ? b->desc->viewers : VIEWERS_MAX;
     struct delivery d = {
+        .bench = b,
         .viewers = viewers,
         .header = { .format = PROTOCOL_JPEG, .width = b->desc->width, .height = b->desc->height, .gain = 1.0f },
         .lock = PTHREAD_MUTEX_INITIALIZER,
@@ -293,9 +299,10 @@ enum err bench_delivery(struct bench *b, struct bench_row *row)
     for (uint32_t i = 0; i < viewers; i++)
         d.viewer[i] = d.bare[i] = d.ends[i] = -1;
     enum err e = make_bytes(&d, b);
-    snprintf(row->note, sizeof(row->note),
-             "one image of %zu bytes to %u viewers on this machine, until each has received it; bare: send and recv",
-             d.size, viewers);
+    snprintf(
+        row->note, sizeof(row->note),
+        "one image of about %zu bytes to %u viewers on this machine, until each has received it; bare: send and recv",
+        d.size[0], viewers);
     if (!e && server_create(&(struct server_desc){ .port = 0 }, &d.server, &why))
         bench_skip(row, "%.150s", why.text);
     else if (!e && (!connect_viewers(&d) || !connect_bare(&d)))

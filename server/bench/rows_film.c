@@ -15,9 +15,9 @@ struct toning {
 static enum err tone_ours(void *context)
 {
     const struct bench *b = ((struct toning *)context)->b;
-    const struct tone_desc tone = { (double)b->gain, TONE_FILMIC, b->kernels->level };
+    const struct tone_desc tone = { (double)b->sky->gain, TONE_FILMIC, b->kernels->level };
 
-    tone_map(b->rgb, b->desc->width, b->desc->height, &tone, b->display);
+    tone_map(b->sky->rgb, b->desc->width, b->desc->height, &tone, b->sky->display);
     return ERR_OK;
 }
 
@@ -28,7 +28,7 @@ static enum err tone_bare(void *context)
 
 #pragma omp parallel for schedule(static)
     for (size_t at = 0; at < t->values; at += PIECE)
-        memcpy(t->copy + at, t->b->rgb + at, sizeof(float) * (t->values - at < PIECE ? t->values - at : PIECE));
+        memcpy(t->copy + at, t->b->sky->rgb + at, sizeof(float) * (t->values - at < PIECE ? t->values - at : PIECE));
     return ERR_OK;
 }
 
@@ -59,7 +59,8 @@ static enum err encode_ours(void *context)
     const uint8_t *bytes;
     size_t size;
 
-    return jpeg_encode(x->ours, x->b->display, x->b->desc->width, x->b->desc->height, BENCH_QUALITY, &bytes, &size);
+    return jpeg_encode(x->ours, x->b->sky->display, x->b->desc->width, x->b->desc->height, BENCH_QUALITY, &bytes,
+                       &size);
 }
 
 static enum err encode_bare(void *context)
@@ -68,8 +69,8 @@ static enum err encode_bare(void *context)
     unsigned long size = x->room;
     const int width = (int)x->b->desc->width, height = (int)x->b->desc->height;
 
-    return tjCompress2(x->bare, x->b->display, width, 0, height, TJPF_RGB, &x->bytes, &size, TJSAMP_420, BENCH_QUALITY,
-                       TJFLAG_NOREALLOC | TJFLAG_ACCURATEDCT) == 0
+    return tjCompress2(x->bare, x->b->sky->display, width, 0, height, TJPF_RGB, &x->bytes, &size, TJSAMP_420,
+                       BENCH_QUALITY, TJFLAG_NOREALLOC | TJFLAG_ACCURATEDCT) == 0
                ? ERR_OK
                : ERR_NOMEM;
 }

@@ -4,7 +4,6 @@
 #include "base/clock.h"
 #include "base/handoff.h"
 #include "base/mem.h"
-#include "env/resample_table.h"
 #include "reader/builtin.h"
 
 #include <math.h>
@@ -19,21 +18,13 @@
 #define FRAMES_WARM 10 /* before allocations count */
 #define FRAMES_COUNTED 10
 
-static enum err decode_and_rebuild(struct environment *e, const struct bench *b)
-{
-    const struct frame file = { .kind = FRAME_FILE, .name = "a sky", .bytes = b->exr, .size = b->exr_size };
-    struct reason why;
-
-    return environment_update(e, &file, &why);
-}
-
 /* ---- The pipeline, as relightd has it: decode of the next frame, light of this one, encoding of the last ---- */
 
 struct pipeline {
     struct bench *b;
-    struct picture_maker maker;     /* its relighter is the middle thread's, the rest the last one's */
-    struct resample_tables *tables; /* which the skies share, as relightd's do */
-    struct environment *sky[HANDOFF_SLOTS];
+    struct picture_maker maker; /* its relighter is the middle thread's, the rest the last one's */
+    uint64_t decoded;
+    const struct bench_sky *sky[HANDOFF_SLOTS]; /* of the bench's, which are more than slots */
     float *picture[HANDOFF_SLOTS];
     struct handoff skies, pictures;
     int count;          /* of pictures in one run */
@@ -53,7 +44,8 @@ static void *decode_main(void *arg)
     omp_set_num_threads(1);
     for (int i = 0; i < WARM + p->count && !p->failed[0] && !handoff_is_closed(&p->skies); i++) {
         const int slot = handoff_begin(&p->skies);
-        p->failed[0] = decode_and_rebuild(p->sky[slot], p->b);
+        p->sky[slot] = &p->b->skies[p->decoded++ % BENCH_SKIES];
+        p->failed[0] = bench_read_sky(p->sky[slot]);
         if (p->failed[0])
             break;
         handoff_publish(&p->skies, slot);
@@ -87,7 +79,7 @@ static void *encode_main(void *arg)
 static void light_all(struct pipeline *p)
 {
     struct relight_desc light = *p->maker.light;
-    struct relight_stats stats;
+    struct relight_stats stats = { 0 };
     double start = 0.0, processor = 0.0;
 
     for (int i = 0; i < WARM + p->count && !p->failed[1]; i++) {
@@ -97,7 +89,8 @@ static void light_all(struct pipeline *p)
                 return;
         const int slot = handoff_begin(&p->pictures);
         light.turn = p->turn++;
-        p->failed[1] = relighter_run(p->maker.relighter, p->sky[sky], &light, p->picture[slot], &stats);
+        p->failed[1] = relighter_run(p->maker.relighter, p->sky[sky]->environment, &light, p->picture[slot], &stats);
+        bench_count(p->b, &stats);
         handoff_release(&p->skies, sky);
         handoff_publish(&p->pictures, slot);
         while (!handoff_wait_taken(&p->pictures, 100) && !p->failed[2])
@@ -146,9 +139,7 @@ static enum err pipeline_work(void *context)
 
 static enum err decode_alone(void *context)
 {
-    struct pipeline *p = context;
-
-    return decode_and_rebuild(p->sky[0], p->b);
+    return bench_read_sky(((struct pipeline *)context)->b->sky);
 }
 
 static enum err light_alone(void *context)
@@ -183,6 +174,7 @@ static enum err seconds_of(enum err (*work)(void *), struct pipeline *p, double 
     enum err e = (p->alone = work)(p);
 
     for (int i = 0; i < 3 && !e; i++) {
+        bench_next_sky(p->b);
         const double start = clock_seconds();
         e = stage_alone(p);
         v[i] = clock_seconds() - start;
@@ -205,13 +197,10 @@ static enum err pipeline_init(struct pipeline *p, struct bench *b, struct religh
         p->maker.light = light;
         p->borrowed = true;
     }
-    p->tables = resample_tables_create();
-    e = !e && !p->tables ? ERR_NOMEM : e;
+    bench_make_lean(b, p->maker.light->direct.method == METHOD_CACHED);
     for (int k = 0; k < HANDOFF_SLOTS && !e; k++) {
-        p->sky[k] = environment_create(
-            &(struct environment_desc){ .tables = p->tables, .lean = p->maker.light->direct.method == METHOD_CACHED });
         p->picture[k] = mem_alloc((size_t)b->desc->width * b->desc->height, 3 * sizeof(float));
-        e = p->sky[k] && p->picture[k] ? decode_and_rebuild(p->sky[k], b) : ERR_NOMEM;
+        e = p->picture[k] ? ERR_OK : ERR_NOMEM;
     }
     if (!e)
         e = seconds_of(light_alone, p, &seconds);
@@ -224,11 +213,11 @@ static void pipeline_finish(struct pipeline *p)
     if (p->borrowed)
         p->maker.relighter = NULL;
     picture_maker_finish(&p->maker);
-    for (int k = 0; k < HANDOFF_SLOTS; k++) {
-        environment_destroy(p->sky[k]);
+    for (int k = 0; k < HANDOFF_SLOTS; k++)
         mem_free(p->picture[k]);
-    }
-    resample_tables_destroy(p->tables);
+    bench_make_lean(p->b, false);
+    for (int k = 0; k < BENCH_SKIES; k++)
+        environment_complete(p->b->skies[k].environment);
 }
 
 enum err bench_pipeline(struct bench *b, struct bench_row *row)
@@ -451,44 +440,45 @@ enum err bench_triangles(struct bench *b, struct bench_row *row)
 
 /* ---- Memory ---- */
 
-/* Allocations of one frame: all, and those of decoding. */
-static enum err count_frame(struct environment *sky, struct picture_maker *m, const struct bench *b, uint64_t count[2])
+/* The mean over frames by this light, from decoding to JPEG. */
+static enum err count_allocations(struct bench *b, const struct relight_desc *light, double *mean)
 {
-    uint64_t at[3];
+    struct picture_maker m;
+    uint64_t at[2] = { 0 };
+    enum err e = picture_maker_init(&m, b, b->set);
 
-    allocations_count(&at[0]);
-    enum err e = decode_and_rebuild(sky, b);
-    allocations_count(&at[1]);
-    if (!e)
-        e = picture_maker_light(m);
-    if (!e)
-        e = picture_maker_encode(m);
-    allocations_count(&at[2]);
-    count[0] += at[2] - at[0];
-    count[1] += at[1] - at[0];
+    m.light = light;
+    for (int i = 0; i <= FRAMES_WARM + FRAMES_COUNTED && !e; i++, bench_next_sky(b)) {
+        if (i >= FRAMES_WARM)
+            allocations_count(&at[i > FRAMES_WARM]);
+        e = bench_read_sky(b->sky);
+        if (!e)
+            e = picture_maker_light(&m);
+        if (!e)
+            e = picture_maker_encode(&m);
+    }
+    *mean = (double)(at[1] - at[0]) / FRAMES_COUNTED;
+    picture_maker_finish(&m);
     return e;
 }
 
+/* Of the row's method, and of live pictures of all light while there is no cache. */
 enum err bench_allocations(struct bench *b, struct bench_row *row)
 {
-    struct picture_maker m;
-    struct environment *sky = environment_create(&(struct environment_desc){ .n = 0 });
-    uint64_t count[2] = { 0 }, ignored;
-    enum err e = picture_maker_init(&m, b, b->set);
+    const struct relight_desc live = { .direct = { .method = METHOD_AUTO, .samples = b->desc->samples },
+                                       .classes = PATH_ALL,
+                                       .denoise = true,
+                                       .remember = true };
+    double mean[2] = { 0.0 };
+    uint64_t ignored;
+    enum err e = count_allocations(b, &b->light, &mean[0]);
 
-    e = !e && !sky ? ERR_NOMEM : e;
-    m.environment = sky;
-    for (int i = 0; i < FRAMES_WARM + FRAMES_COUNTED && !e; i++) {
-        if (i == FRAMES_WARM)
-            memset(count, 0, sizeof(count));
-        e = count_frame(sky, &m, b, count);
-    }
-    bench_state(row, (double)count[0] / FRAMES_COUNTED, FRAMES_COUNTED);
-    snprintf(row->note, sizeof(row->note), "%g of them in decoding and tables; without delivery",
-             (double)count[1] / FRAMES_COUNTED);
+    if (!e)
+        e = count_allocations(b, &live, &mean[1]);
+    bench_state(row, fmax(mean[0], mean[1]), FRAMES_COUNTED);
+    snprintf(row->note, sizeof(row->note), "%s %g, denoised live images of all light %g; without delivery",
+             method_name(b->light.direct.method), mean[0], mean[1]);
     if (!allocations_count(&ignored))
         bench_skip(row, "this build has an allocator of its own, whose calls are not counted");
-    picture_maker_finish(&m);
-    environment_destroy(sky);
     return e;
 }

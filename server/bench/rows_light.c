@@ -6,9 +6,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-#define CHUNK 64          /* packets of rays that a thread takes at a time from the bare loop */
-#define SINGLES 1024      /* likewise, single rays */
-#define PATHS_PER_PIXEL 8 /* of the row of stored paths: as many as the plan has at 64 samples */
+#define CHUNK 64     /* packets of rays that a thread takes at a time from the bare loop */
+#define SINGLES 1024 /* likewise, single rays */
 #define PAPER_SAMPLES 60
 #define PAPER_FRAMES 198.0 /* per second, on its GPU [LPG13] */
 
@@ -19,6 +18,7 @@ struct part {
     struct direct *direct;
     struct direct_desc desc;
     struct direct_stats stats;
+    double rays, terms; /* of the last call */
     struct ray_log log;
     float *lo;
 };
@@ -26,8 +26,12 @@ struct part {
 static enum err shade_part(void *context)
 {
     struct part *p = context;
+    const enum err e =
+        direct_shade(p->direct, &p->g, p->b->set->rays, p->b->sky->environment, &p->desc, p->lo, &p->stats);
 
-    return direct_shade(p->direct, &p->g, p->b->set->rays, p->b->environment, &p->desc, p->lo, &p->stats);
+    p->rays = (double)p->stats.rays;
+    p->terms = (double)(p->stats.chosen + p->stats.lobes);
+    return e;
 }
 
 enum err bench_part_replay(void *part)
@@ -115,10 +119,11 @@ enum err bench_shadow_rays(struct bench *b, struct bench_row *row)
     uint64_t count;
 
     snprintf(row->note, sizeof(row->note),
-             "bare: rtcOccluded16 over the same packets of rays, an eighth of the image; ours with all its shading");
+             "bare: rtcOccluded16 over one sky's packets of rays, an eighth of the image; ours with all its shading");
     enum err e = bench_part_create(b, &b->light.direct, &p, &count);
-    const double rays = 1e-6 * (double)count;
-    const struct bench_pair pair = { { shade_part, bench_part_replay }, p, .scale = { rays, rays }, .rate = true };
+    const struct bench_pair pair = {
+        { shade_part, bench_part_replay }, p, { 1e-6, 1e-6 * (double)count }, .rate = true, .units = { &p->rays }
+    };
     if (!bench_part_skip(&e, count, row))
         e = bench_time(b, &pair, row);
     bench_part_destroy(p);
@@ -134,10 +139,9 @@ enum err bench_terms(struct bench *b, struct bench_row *row)
 
     desc.no_visibility = true;
     enum err e = bench_part_create(b, &desc, &p, &rays);
-    const double terms = e ? 0.0 : (double)(p->stats.chosen + p->stats.lobes);
-    const struct bench_pair pair = { { shade_part }, p, .scale = { 1e9 * b->threads / terms } };
+    const struct bench_pair pair = { { shade_part }, p, .scale = { 1e9 * b->threads }, .units = { &p->terms } };
     snprintf(row->note, sizeof(row->note), "nothing is traced");
-    if (!e && terms > 0.0)
+    if (!e && p->terms > 0.0)
         e = bench_time(b, &pair, row);
     else if (!e)
         bench_skip(row, "nothing is lit");
@@ -152,6 +156,7 @@ struct tracing {
     struct light_tracer *tracer;
     struct light_tracer_desc desc;
     struct light_tracer_stats stats;
+    double rays; /* of the last call */
     struct ray_log log;
     float *rgb;
 };
@@ -159,8 +164,10 @@ struct tracing {
 static enum err trace(void *context)
 {
     struct tracing *t = context;
+    const enum err e = light_tracer_run(t->tracer, t->b->sky->environment, &t->desc, t->rgb, &t->stats);
 
-    return light_tracer_run(t->tracer, t->b->environment, &t->desc, t->rgb, &t->stats);
+    t->rays = (double)t->stats.rays;
+    return e;
 }
 
 static enum err replay_singles(void *context)
@@ -191,8 +198,9 @@ enum err bench_light_rays(struct bench *b, struct bench_row *row)
     e = !e && !t.log.singles ? ERR_NOMEM : e;
     if (!e)
         e = on_one_thread(b, &t.log, trace, &t);
-    const double rays = 1e-6 * (double)t.stats.rays;
-    const struct bench_pair pair = { { trace, replay_singles }, &t, .scale = { rays, rays }, .rate = true };
+    const struct bench_pair pair = {
+        { trace, replay_singles }, &t, { 1e-6, 1e-6 * t.rays }, .rate = true, .units = { &t.rays }
+    };
     if (!e && t.log.single_count != t.stats.rays)
         bench_skip(row, "%zu rays of %llu recorded", t.log.single_count, (unsigned long long)t.stats.rays);
     else if (!e && t.stats.rays == 0)
@@ -201,77 +209,11 @@ enum err bench_light_rays(struct bench *b, struct bench_row *row)
         e = bench_time(b, &pair, row);
     snprintf(
         row->note, sizeof(row->note),
-        "bare: rtcIntersect1 and rtcOccluded1 over the same rays, %llu of %llu particles; ours with all scattering",
+        "bare: rtcIntersect1 and rtcOccluded1 over one sky's rays, %llu of %llu particles; ours with all scattering",
         (unsigned long long)t.stats.rays, (unsigned long long)t.stats.particles);
     light_tracer_destroy(t.tracer);
     mem_free(t.log.singles);
     mem_free(t.rgb);
-    return e;
-}
-
-/* ---- Stored light paths ---- */
-
-struct stored {
-    struct tracing tracing; /* of as many paths */
-    struct caustic_store *store;
-};
-
-static enum err light_stored(void *context)
-{
-    struct stored *s = context;
-
-    return caustic_store_light(s->store, s->tracing.b->environment, INFINITY, s->tracing.rgb);
-}
-
-static enum err trace_stored(void *context)
-{
-    return trace(&((struct stored *)context)->tracing);
-}
-
-static enum err stored_init(struct stored *s, struct bench *b)
-{
-    const struct set *set = b->set;
-    const uint64_t pixels = (uint64_t)b->desc->width * b->desc->height;
-    const struct caustic_store_desc desc = { .classes = PATH_CAUSTICS, .paths = pixels * PATHS_PER_PIXEL };
-    struct reason why;
-
-    *s = (struct stored){
-        .tracing = { .b = b,
-                     .tracer = light_tracer_create(set->scene, set->rays, &set->view),
-                     .desc = { .classes = PATH_CAUSTICS },
-                     .rgb = mem_alloc((size_t)b->desc->width * b->desc->height, 3 * sizeof(float)) },
-    };
-    if (!s->tracing.tracer || !s->tracing.rgb)
-        return ERR_NOMEM;
-    const enum err e = caustic_store_create(set->scene, set->rays, &set->view, &desc, &s->store, &why);
-    if (e)
-        return e;
-    s->tracing.desc.particles = caustic_store_stats(s->store)->paths;
-    return caustic_store_turn(s->store, 0, NULL, NULL);
-}
-
-/* The store lights the whole sky, as under cloud, so that both sides do the same work. */
-enum err bench_stored_caustics(struct bench *b, struct bench_row *row)
-{
-    struct stored s;
-
-    if (scene_casters(b->set->scene, NULL, 0) == 0) {
-        bench_skip(row, "the scene has no mirror and no glass");
-        return ERR_OK;
-    }
-    enum err e = stored_init(&s, b);
-    if (!e) {
-        const struct caustic_store_stats *stats = caustic_store_stats(s.store);
-        const double paths = 1e-6 * (double)stats->paths;
-        const struct bench_pair pair = { { light_stored, trace_stored }, &s, .scale = { paths, paths }, .rate = true };
-        snprintf(row->note, sizeof(row->note),
-                 "bare: light_tracer_run with as many paths, drawn by the sky; the store has %llu splats, %.1f MB",
-                 (unsigned long long)stats->splats, 1e-6 * (double)stats->bytes);
-        e = bench_time(b, &pair, row);
-    }
-    caustic_store_destroy(s.store);
-    light_tracer_destroy(s.tracing.tracer);
-    mem_free(s.tracing.rgb);
     return e;
 }
 
@@ -281,7 +223,7 @@ static enum err whole_unshadowed(void *context)
 {
     struct picture_maker *m = context;
     struct reason why;
-    enum err e = environment_rebuild((struct environment *)m->environment, &why);
+    enum err e = environment_rebuild(m->bench->sky->environment, &why);
 
     if (!e)
         e = picture_maker_light(m);

@@ -12,7 +12,6 @@
 struct decoding {
     struct bench *b;
     struct environment *environment;
-    struct frame file;
     float *rgb; /* of the bare decode */
     size_t capacity;
 };
@@ -22,27 +21,27 @@ static enum err decode_ours(void *context)
     struct decoding *d = context;
     struct reason why;
 
-    return environment_decode(d->environment, &d->file, &why);
+    return environment_decode(d->environment, d->b->sky->file, &why);
 }
 
 static int64_t read_memory(exr_const_context_t ctx, void *user, void *to, uint64_t size, uint64_t offset,
                            exr_stream_error_func_ptr_t fail)
 {
-    const struct bench *b = user;
+    const struct frame *file = user;
 
     (void)ctx, (void)fail;
-    if (offset >= b->exr_size)
+    if (offset >= file->size)
         return 0;
-    if (size > b->exr_size - offset)
-        size = b->exr_size - offset;
-    memcpy(to, b->exr + offset, size);
+    if (size > file->size - offset)
+        size = file->size - offset;
+    memcpy(to, file->bytes + offset, size);
     return (int64_t)size;
 }
 
 static int64_t size_of_memory(exr_const_context_t ctx, void *user)
 {
     (void)ctx;
-    return (int64_t)((const struct bench *)user)->exr_size;
+    return (int64_t)((const struct frame *)user)->size;
 }
 
 /* Directs R, G and B to the picture's row and drops the other channels. */
@@ -96,7 +95,7 @@ static enum err decode_bare(void *context)
     exr_context_t f = NULL;
     exr_storage_t storage = EXR_STORAGE_LAST_TYPE;
 
-    how.user_data = d->b;
+    how.user_data = (void *)d->b->sky->file;
     how.read_fn = read_memory;
     how.size_fn = size_of_memory;
     exr_result_t r = exr_start_read(&f, "memory", &how);
@@ -111,18 +110,18 @@ static enum err decode_bare(void *context)
 
 enum err bench_decode(struct bench *b, struct bench_row *row)
 {
-    const struct image *im = &b->environment->image;
+    const struct image *im = &b->sky->environment->image;
     struct decoding d = {
         .b = b,
         .environment = environment_create(&(struct environment_desc){ .n = 16 }),
-        .file = { .kind = FRAME_FILE, .name = "the sky as a file", .bytes = b->exr, .size = b->exr_size },
         .rgb = mem_alloc((size_t)im->width * im->height, 3 * sizeof(float)),
     };
     const struct bench_pair pair = { { decode_ours, decode_bare }, &d, .scale = { 1e3, 1e3 } };
     enum err e = d.environment && d.rgb ? ERR_OK : ERR_NOMEM;
 
     snprintf(row->note, sizeof(row->note),
-             "bare: OpenEXRCore's default routines on the same %zu bytes in memory; one thread each", b->exr_size);
+             "bare: OpenEXRCore's default routines on the same %zu bytes in memory; one thread each",
+             b->sky->file->size);
     if (!e && decode_bare(&d) != ERR_OK)
         bench_skip(row, "the bare loop reads scanlines only, in the first part");
     else if (!e)
@@ -146,9 +145,9 @@ static enum err rebuild_ours(void *context)
 {
     struct rebuilding *r = context;
     struct reason why;
-    const enum err e = environment_rebuild(r->b->environment, &why);
+    const enum err e = environment_rebuild(r->b->sky->environment, &why);
 
-    return e ? e : samples_draw(r->b->environment, STRATA_FACES, r->b->desc->samples / 2 + 1, 1, &r->samples);
+    return e ? e : samples_draw(r->b->sky->environment, STRATA_FACES, r->b->desc->samples / 2 + 1, 1, &r->samples);
 }
 
 static enum err copy_all(void *context)
@@ -166,7 +165,7 @@ static enum err copy_all(void *context)
 
 enum err bench_rebuild(struct bench *b, struct bench_row *row)
 {
-    const struct environment *e = b->environment;
+    const struct environment *e = b->sky->environment;
     const size_t texels = (size_t)CUBE_FACES * e->n * e->n;
     struct rebuilding r = {
         .b = b,

@@ -19,10 +19,19 @@ struct speed {
 static enum err shade(struct speed *s, const struct relight_desc *light, double *seconds)
 {
     struct relight_stats *stats = &s->c->stats;
-    const enum err e = relighter_run(s->c->relighter, s->b.environment, light, s->c->rgb, stats);
+    const enum err e = relighter_run(s->c->relighter, s->b.sky->environment, light, s->c->rgb, stats);
 
+    bench_count(&s->b, stats);
     *seconds = 1e-3 * (stats->shade_ms + stats->eye_ms + stats->light_ms);
     return e;
+}
+
+/* Without frames that were not computed whole. */
+static enum err time_pair(struct speed *s, const struct bench_pair *pair, struct bench_row *row)
+{
+    const enum err e = bench_time(&s->b, pair, row);
+
+    return e || !row->skipped[0] ? e : err_say(&s->c->why, ERR_RANGE, "%s", row->skipped);
 }
 
 static enum err shade_all(void *context)
@@ -62,7 +71,7 @@ static enum err measure_shading(struct speed *s, struct speed_sky *out)
     const struct bench_pair against = {
         { shade_all, shade_direct }, s, { 1e3, 1e3 }, .seconds = { &s->all_s, &s->direct_s }
     };
-    enum err e = bench_time(&s->b, &against, &row);
+    enum err e = time_pair(s, &against, &row);
 
     if (e)
         return e;
@@ -76,7 +85,7 @@ static enum err measure_shading(struct speed *s, struct speed_sky *out)
     };
     double *const ratio[2] = { &out->bare_all, &out->bare_direct };
     for (int k = 0; k < 2 && !e && s->per_picture > 0.0; k++) {
-        e = bench_time(&s->b, &pair[k], &row);
+        e = time_pair(s, &pair[k], &row);
         *ratio[k] = row.ratio;
     }
     bench_part_destroy(s->part);
@@ -89,15 +98,15 @@ static enum err write_exr(void *context)
 {
     struct speed *s = context;
     const struct bench *b = &s->b;
-    const struct frame file = { .kind = FRAME_FILE, .name = "a sky", .bytes = b->exr, .size = b->exr_size };
     const struct exr_desc d = { .rgb = s->c->rgb, .width = b->desc->width, .height = b->desc->height };
     struct reason why;
+    double ignored;
     uint8_t *bytes = NULL;
     size_t size;
-    enum err e = environment_update(b->environment, &file, &why);
+    enum err e = bench_read_sky(b->sky);
 
     if (!e)
-        e = relighter_run(s->c->relighter, b->environment, &s->direct, s->c->rgb, &s->c->stats);
+        e = shade(s, &s->direct, &ignored);
     if (!e)
         e = exr_encode(&d, &bytes, &size, &why);
     mem_free(bytes);
@@ -109,7 +118,7 @@ static enum err time_exr(void *context)
     struct speed *s = context;
     struct bench_row row = { .name = NULL };
     const struct bench_pair pair = { { write_exr }, s, .scale = { 1e3 } };
-    const enum err e = bench_time(&s->b, &pair, &row);
+    const enum err e = time_pair(s, &pair, &row);
 
     s->exr_ms = row.ours;
     return e;
@@ -125,6 +134,8 @@ static enum err measure_pictures(struct speed *s, struct speed_sky *out)
     for (int k = 0; k < 2 && !e; k++) {
         e = bench_pipeline_rate(&s->b, s->c->relighter, light[k], &row, jpeg[k]);
         *jpeg[k] *= 1e3;
+        if (!e && row.skipped[0])
+            e = err_say(&s->c->why, ERR_RANGE, "%s", row.skipped);
     }
     if (!e)
         e = bench_threads(&s->b, 1, time_exr, s);
@@ -140,8 +151,9 @@ static enum err judge(struct speed *s, const struct relight_desc *light, double 
     struct cached_truth truth = { { NULL } };
     double ignored;
 
+    bench_first_sky(&s->b);
     s->c->light.classes = light->classes; /* those of the truth */
-    enum err e = cached_truth_make(s->c, s->b.environment, &truth);
+    enum err e = cached_truth_make(s->c, s->b.sky->environment, &truth);
     if (!e)
         e = shade(s, light, &ignored);
     if (!e)
@@ -158,6 +170,7 @@ static enum err measure_bias(struct speed *s, struct speed_sky *out)
 {
     s->c->light.classes = s->direct.classes;
     out->judged = true;
+    bench_first_sky(&s->b);
     enum err e = cached_bias(&s->b, s->c, out->bright, &out->bias, &out->colour);
     if (!e)
         e = cached_seams(&s->b, &out->seams);
@@ -167,7 +180,7 @@ static enum err measure_bias(struct speed *s, struct speed_sky *out)
 static enum err measure_sky(struct speed *s, const char *source, bool judged, struct speed_sky *out, struct reason *why)
 {
     out->error_direct = out->error_all = -1.0;
-    enum err e = bench_take_sky(&s->b, source, why);
+    enum err e = bench_take_skies(&s->b, source, why);
     if (e)
         return e;
     e = measure_shading(s, out);
@@ -180,7 +193,7 @@ static enum err measure_sky(struct speed *s, const char *source, bool judged, st
         e = judge(s, &s->all, &out->error_all, &out->mis_all);
     if (!e && judged)
         e = measure_bias(s, out);
-    return e ? err_say(why, e, "%s: %s", out->title, err_text(e)) : ERR_OK;
+    return e ? err_say(why, e, "%s: %s", out->title, s->c->why.text[0] ? s->c->why.text : err_text(e)) : ERR_OK;
 }
 
 /* The cache of direct light and what all light needs besides. */
@@ -197,7 +210,7 @@ static enum err precompute(struct speed *s, struct speed_case *out, struct reaso
     s->all.renew = CAUSTIC_PARTS;
     e = relighter_prepare(s->c->relighter, &s->all, false, &ms);
     if (!e)
-        e = relighter_run(s->c->relighter, s->b.environment, &s->all, s->c->rgb, &s->c->stats);
+        e = relighter_run(s->c->relighter, s->b.sky->environment, &s->all, s->c->rgb, &s->c->stats);
     out->wall_s = clock_seconds() - start;
     out->processor_s = clock_processor() - busy;
     out->direct_bytes = s->c->stats.cache.bytes;
@@ -228,7 +241,7 @@ enum err speed_measure(const struct bench_desc *desc, bool judged, struct speed_
     while (!e && out->count < SPEED_SKIES && chart_next_item(&skies, title, spec)) {
         struct speed_sky *sky = &out->skies[out->count++];
         snprintf(sky->title, sizeof(sky->title), "%.*s", SPEED_TITLE - 1, title);
-        if (!s->c && !(e = bench_take_sky(&s->b, spec, why)))
+        if (!s->c && !(e = bench_take_skies(&s->b, spec, why)))
             e = precompute(s, out, why);
         if (!e)
             e = measure_sky(s, spec, judged, sky, why);

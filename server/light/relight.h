@@ -114,7 +114,6 @@ struct relight_desc {
     const struct relight_whole *whole; /* METHOD_COMPONENTS; NULL: there is none */
     double audit;    /* rays spent on stating the picture's error, over its own, and those of audit/purse.h. 0: none */
     bool audit_live; /* pictures save their rays up, and an audit tells of later ones too */
-    bool afresh;     /* METHOD_CACHED: compute all light, even what the last picture had */
     bool unsplit;    /* METHOD_CACHED: do not split the sky, so that its bright part is not traced */
     /* PLAN_STORED, with the same memory limit: the number of stored paths (0: 64 per pixel). Every turn redraws one of
      * `renew` parts (0: none). The picture depends on the turn, but not on earlier turns. */

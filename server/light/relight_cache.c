@@ -273,8 +273,7 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
                                      .seed = desc->direct.seed,
                                      .pass = desc->direct.pass,
                                      .cancel = desc->direct.cancel,
-                                     .unsplit = desc->unsplit,
-                                     .whole = desc->afresh };
+                                     .unsplit = desc->unsplit };
     const size_t floats = (size_t)set->gbuffer->packet_count * 3 * PACKET;
     const uint32_t samples = desc->direct.samples;
     struct reason why;

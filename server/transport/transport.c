@@ -325,7 +325,7 @@ static uint32_t shade_block(const struct shading *s, uint32_t k, float *lo, uint
 /* Whether a frame can take over parts of the last one: all of the picture, by a cache that is built. */
 static bool is_kept(const struct transport *t, const struct transport_frame *f)
 {
-    return !f->whole && !t->fades && f->end == 0 && f->narrow == TRANSPORT_NARROW_OWN;
+    return !t->fades && f->end == 0 && f->narrow == TRANSPORT_NARROW_OWN;
 }
 
 static void count_work(const struct transport *t, struct transport_frame_stats *stats)

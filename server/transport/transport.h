@@ -78,11 +78,10 @@ struct transport_frame {
      * transport_is_settled. */
     const struct transport_indirect *indirect;
     /* A part of the frame: the blocks that begin with packets first .. end - 1; other places in lo are unchanged. end
-     * 0: all of it. */
+     * 0: all of it, of which what has not changed may be taken over from the last such frame, with the same bits. */
     uint32_t first, end;
     enum transport_narrow narrow;
     bool sky_taken; /* the sky is set already, by transport_take_sky or transport_unpack_sky */
-    bool whole;     /* compute all light, even what the last frame had with the same bits */
 };
 
 /* What a frame computed for a packet, beside what it took over from the last one. */

@@ -50,8 +50,8 @@ static void change(struct frame *f, const struct flags *o)
 
 struct changes {
     struct set *set;
-    struct relighter *relighter;
-    struct environment *sky[2];
+    struct relighter *relighter[2]; /* of the changes, and of whole pictures */
+    struct environment *sky[3];     /* and one that has nothing in common with them */
     float *rgb[2];
     size_t bytes;
 };
@@ -64,9 +64,11 @@ static void set_up(struct changes *s, const struct flags *o)
 
     if (frame.kind != FRAME_TEXELS)
         figure_must(err_say(&why, ERR_USAGE, "%s is no computed sky", o->sky), &why);
-    for (int k = 0; k < 2; k++) {
-        if (k)
+    for (int k = 0; k < 3; k++) {
+        if (k == 1)
             change(&frame, o);
+        for (size_t i = 0; i < 3 * (size_t)frame.width * frame.height && k == 2; i++)
+            frame.rgb[i] = 1.0f + (float)(i % 7);
         s->sky[k] = figure_sky(&frame, true);
     }
     frame_finish(&frame);
@@ -75,17 +77,18 @@ static void set_up(struct changes *s, const struct flags *o)
     s->bytes = (size_t)o->size[0] * o->size[1] * 3 * sizeof(float);
     s->rgb[0] = mem_alloc(s->bytes, 1);
     s->rgb[1] = mem_alloc(s->bytes, 1);
-    s->relighter = relighter_create(s->set, desc.kernels);
-    figure_must(s->rgb[0] && s->rgb[1] && s->relighter ? ERR_OK : ERR_NOMEM, &why);
+    for (int k = 0; k < 2; k++)
+        s->relighter[k] = relighter_create(s->set, desc.kernels);
+    figure_must(s->rgb[0] && s->rgb[1] && s->relighter[0] && s->relighter[1] ? ERR_OK : ERR_NOMEM, &why);
 }
 
-/* The picture of a sky, after one of the other: milliseconds. */
-static double picture(struct changes *s, const struct relight_desc *light, int k, float *rgb,
+/* The picture of a sky by one of the relighters: milliseconds. */
+static double picture(struct changes *s, const struct relight_desc *light, int by, int k, float *rgb,
                       struct relight_stats *stats)
 {
     const double begun = 1e3 * figure_cpu_s();
 
-    if (relighter_run(s->relighter, s->sky[k], light, rgb, stats))
+    if (relighter_run(s->relighter[by], s->sky[k], light, rgb, stats))
         exit(1);
     return 1e3 * figure_cpu_s() - begun;
 }
@@ -100,12 +103,13 @@ static bool compare(struct changes *s, const struct flags *o, uint32_t classes, 
     bool same = true;
 
     for (int k = 0; k < 4; k++)
-        picture(s, &light, k % 2, s->rgb[0], &stats);
+        picture(s, &light, 0, k % 2, s->rgb[0], &stats);
     for (uint32_t k = 0; k < o->turns; k++) {
-        light.afresh = false;
-        part[k] = picture(s, &light, (int)(k % 2), s->rgb[0], &stats);
-        light.afresh = true;
-        whole[k] = picture(s, &light, (int)(k % 2), s->rgb[1], &stats);
+        part[k] = picture(s, &light, 0, (int)(k % 2), s->rgb[0], &stats);
+        picture(s, &light, 1, 2, s->rgb[1], &stats);
+        whole[k] = picture(s, &light, 1, (int)(k % 2), s->rgb[1], &stats);
+        if (stats.cache_frame.lit < stats.cache.packets)
+            exit(1);
         same = same && memcmp(s->rgb[0], s->rgb[1], s->bytes) == 0;
     }
     const double a = figure_median(part, o->turns), b = figure_median(whole, o->turns);
@@ -129,11 +133,12 @@ int main(int argc, char **argv)
     set_up(&s, &flags);
     bool same = compare(&s, &flags, PATH_BACKGROUND | PATH_DIRECT, "direct light");
     same = compare(&s, &flags, PATH_ALL, "all light") && same;
-    relighter_destroy(s.relighter);
-    set_destroy(s.set);
     for (int k = 0; k < 2; k++) {
-        environment_destroy(s.sky[k]);
+        relighter_destroy(s.relighter[k]);
         mem_free(s.rgb[k]);
     }
+    set_destroy(s.set);
+    for (int k = 0; k < 3; k++)
+        environment_destroy(s.sky[k]);
     return same ? 0 : 1;
 }

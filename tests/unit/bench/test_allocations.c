@@ -142,7 +142,8 @@ static void no_stage_of_a_frame_takes_memory_after_the_tenth(void **state)
     static const char *const stages[] = { "decoding", "tables", "light", "exposure, tone curve and JPEG" };
     const struct set_desc desc = { .width = 64, .height = 40, .interleave = 2 };
     struct reason why = { "" };
-    struct bench b = { .desc = NULL };
+    struct bench_sky sky = { .environment = NULL };
+    struct bench b = { .sky = &sky };
     struct set *set = NULL;
     uint64_t at[5];
     (void)state;
@@ -155,7 +156,7 @@ static void no_stage_of_a_frame_takes_memory_after_the_tenth(void **state)
         struct environment *e = environment_create(&(struct environment_desc){ .n = 64 });
         struct picture_maker m;
         assert_int_equal(picture_maker_init(&m, &b, set), ERR_OK);
-        m.environment = e;
+        sky.environment = e;
         m.light = &lights[l];
         for (frame = 0; frame < WARM + COUNTED; frame++) {
             const struct exr_recipe recipe = { .channels = half_rgb,
