@@ -4,7 +4,7 @@
 import { Connection } from './connection.js';
 import { Video, realWorld, whyNoVideo } from './video.js';
 
-const ASK_MS = 1000; // a browser that has not answered by then counts as unable to decode H.264
+const ASK_MS = 1000; // a browser that has not answered by then gets JPEG until it does
 
 // emit(event, transfer). Events: state, welcome, status, error, heard {message: any other server message}, picture
 // {header, bitmap, bytes, heardMs, decodeMs}, whose receiver closes the bitmap, and coding {reason}: why there is no H.264.
@@ -62,10 +62,13 @@ export class Player {
   }
 
   async openVideo() {
-    const late = new Promise((resolve) => {
-      this.world.setTimeout(() => resolve('this browser does not say whether it decodes H.264'), ASK_MS);
-    });
-    const reason = await Promise.race([whyNoVideo(this.world), late]);
+    const late = new Promise((resolve) => { this.world.setTimeout(resolve, ASK_MS); });
+    await Promise.race([whyNoVideo(this.world).then((reason) => this.answered(reason)), late]);
+  }
+
+  // Whether the browser decodes H.264.
+  answered(reason) {
+    if (this.stopped) return;
     if (reason) {
       this.emit({ op: 'coding', reason });
       return;

@@ -1,6 +1,7 @@
 // clients/js/video.js with a fake decoder and clock: its input, and the fate of each frame.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
+import { Player } from '../../clients/js/player.js';
 import { Video, codecOf, whyNoVideo } from '../../clients/js/video.js';
 
 const KEY = 64;
@@ -99,6 +100,28 @@ test('the reason for missing H.264 is given', async () => {
   const torn = new World();
   torn.VideoDecoder.isConfigSupported = async () => { throw new TypeError('odd'); };
   assert.match(await whyNoVideo(torn), /odd/);
+});
+
+test('a browser that is slow to say whether it decodes H.264 gets JPEG until it does', async () => {
+  const world = new World();
+  const real = globalThis.WebSocket;
+  let answer;
+  world.VideoDecoder.isConfigSupported = () => new Promise((resolve) => { answer = resolve; });
+  globalThis.WebSocket = class { close() {} };
+  try {
+    const player = new Player(() => {}, world);
+    const started = player.start({ url: 'ws://a.example/', hidden: false });
+    world.pass(1000);
+    await started;
+    player.connection.offered = ['jpeg', 'h264'];
+    assert.equal(player.connection.format, 'jpeg');
+    answer({ supported: true });
+    await new Promise(setImmediate);
+    assert.equal(player.connection.format, 'h264');
+    player.command({ op: 'stop' });
+  } finally {
+    globalThis.WebSocket = real;
+  }
 });
 
 test('the codec string comes from the stream', () => {
