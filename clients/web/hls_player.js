@@ -66,6 +66,7 @@ export class HlsPlayer {
     const newest = list.segments.at(-1);
     const key = newest ? `${newest.sequence} ${newest.url}` : '';
     const changed = key !== this.newest;
+    if (changed && (this.ended || this.isStalled(now))) this.movedMs = now; // it had nothing to play
     if (changed) this.changedMs = now - (this.newest === null ? this.ageMs(newest) : 0);
     this.newest = key;
     this.target = list.target;

@@ -6,6 +6,7 @@ import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 
 export const CHROMIUM = process.env.RELIGHT_CHROMIUM ?? '/usr/bin/chromium';
+const HANG_MS = 600000; // ends a test that waits for what never comes; no test passes or fails by how long something takes
 
 // The reason why nothing can be tested here, in the form that ctest reports as skipped; or undefined.
 export async function whatIsMissing() {
@@ -48,7 +49,7 @@ export async function startServer(command, args = []) {
   });
   child.stdin.on('error', () => {}); // it may have exited already
   const url = await new Promise((resolve, reject) => {
-    const late = setTimeout(() => reject(new Error(`${command} printed no address within 120 s:\n${text}`)), 120000);
+    const late = setTimeout(() => reject(new Error(`${command} printed no address:\n${text}`)), HANG_MS);
     child.stderr.on('data', (data) => {
       text += data;
       const found = text.match(/listening on (http:\/\/\S+)/);
@@ -69,7 +70,7 @@ export async function startServer(command, args = []) {
     kill: (signal) => child.kill(signal),
     async stop() {
       child.kill('SIGTERM');
-      const late = setTimeout(() => child.kill('SIGKILL'), 15000);
+      const late = setTimeout(() => child.kill('SIGKILL'), HANG_MS);
       const how = await ended;
       clearTimeout(late);
       return how;
@@ -85,12 +86,20 @@ const WITHOUT = ['AvoidUnnecessaryBeforeUnloadCheckSync', 'DestroyProfileOnBrows
 
 export async function openBrowser() {
   const { chromium } = await import('playwright-core');
-  return chromium.launch({
+  const browser = await chromium.launch({
     executablePath: CHROMIUM,
     args: ['--headless', '--no-sandbox', '--disable-gpu', '--no-first-run', '--disable-background-networking',
       '--disable-component-update', '--disable-sync', '--force-color-profile=srgb', '--force-device-scale-factor=1',
       '--hide-scrollbars', `--disable-features=${WITHOUT}`],
+    timeout: HANG_MS,
   });
+  const newPage = browser.newPage.bind(browser);
+  browser.newPage = async (options) => {
+    const page = await newPage(options);
+    page.setDefaultTimeout(HANG_MS);
+    return page;
+  };
+  return browser;
 }
 
 // Opens the page; a test that checks `faults` fails on its errors.
@@ -110,15 +119,39 @@ export async function openPage(browser, url, { width = 1000, height = 800, hasTo
 export const state = (page) => page.evaluate(() => window.relight.state.name);
 export const sentence = (page) => page.textContent('#sentence');
 
-// Waits until the page is in this state; generous, since the machine may be busy.
-export function untilState(page, name, timeout = 30000) {
-  return page.waitForFunction((n) => window.relight?.state.name === n, name, { timeout });
+// Waits until the page is in this state. A busy machine may let it stall in between: what a state shows is waited for, too.
+export function untilState(page, name) {
+  return page.waitForFunction((n) => window.relight?.state.name === n, name);
+}
+
+// Waits until the page's sentence about its state matches.
+export function untilSentence(page, pattern) {
+  return page.waitForFunction((text) => new RegExp(text).test(document.querySelector('#sentence').textContent), pattern.source);
 }
 
 // Waits until `count` more images were drawn.
-export async function untilFrames(page, count, timeout = 60000) {
+export async function untilFrames(page, count) {
   const now = await page.evaluate(() => window.relight.frames);
-  await page.waitForFunction((n) => window.relight.frames >= n, now + count, { timeout });
+  await page.waitForFunction((n) => window.relight.frames >= n, now + count);
+}
+
+// Waits until `count` more statuses of the server have come: what it does not do meanwhile, it does not do.
+export async function untilStatuses(page, count) {
+  await page.evaluate(() => {
+    window.statuses = 0;
+    if (!window.counting) window.relight.app.on('status', () => { window.statuses++; });
+    window.counting = true;
+  });
+  await page.waitForFunction((n) => window.statuses >= n, count);
+}
+
+// Waits until something holds that is no page's.
+export async function until(holds) {
+  const end = Date.now() + HANG_MS;
+  while (!(await holds())) {
+    assert.ok(Date.now() < end, `never came: ${holds}`);
+    await new Promise((resolve) => { setTimeout(resolve, 20); });
+  }
 }
 
 // The current canvas with the header of its image: {width, height, data, header}.
