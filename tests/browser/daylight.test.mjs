@@ -51,7 +51,7 @@ test('the page goes to a day and hour, shows false colour and the luminance belo
   const server = await startServer(chromium.RELIGHT_RELIGHTD, ['--port', '0', '--size', '64x36', '--method', 'mis', '--samples', '4',
     '--paths', 'direct', '--source', `epw:${join(folder, 'x.epw')},size=64x32`]);
   const page = await openPage(chromium.browser, `${server.url}?coding=jpeg#role=controller`, { width: 1500, height: 900 });
-  const until = (what, value) => page.waitForFunction(what, value, { timeout: 60000 });
+  const until = (what, value) => page.waitForFunction(what, value);
   const set = (id, value) => page.locator(id).evaluate((input, v) => { input.value = v; input.dispatchEvent(new Event('input')); }, value);
   try {
     await until(() => window.relight?.frames > 0 && window.relight.status?.place && window.relight.app.control);

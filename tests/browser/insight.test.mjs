@@ -5,7 +5,7 @@ import { test } from 'node:test';
 import { latencyParts } from '../../clients/web/insight_model.js';
 import { FLAG_FINER } from '../../clients/js/protocol.js';
 import { milliseconds } from '../../clients/web/sentences.js';
-import { beginTests, openPage, startServer } from './lib.mjs';
+import { beginTests, openPage, startServer, until } from './lib.mjs';
 
 const chromium = await beginTests(['RELIGHT_RELIGHTD']);
 const RELIGHTD = chromium.RELIGHT_RELIGHTD;
@@ -15,7 +15,7 @@ async function withPage(args, body, options) {
   const server = await startServer(RELIGHTD, ['--port', '0', '--size', '64x36', '--allow-bias', '0', '--edge-rays', '1', ...args]);
   const page = await openPage(chromium.browser, `${server.url}?coding=jpeg`, options);
   try {
-    await page.waitForFunction(() => window.relight?.frames > 0 && window.relight.status?.frames?.used > 0, null, { timeout: 60000 });
+    await page.waitForFunction(() => window.relight?.frames > 0 && window.relight.status?.frames?.used > 0);
     await body(page, server);
     assert.deepEqual(page.faults, []);
   } finally {
@@ -32,13 +32,17 @@ const onOnePage = (title, args, tests) => test(title, (t) => withPage(args, asyn
 
 const say = (page, message) => page.evaluate((m) => window.relight.app.send({ op: 'control', request: 1, ...m }), message);
 
-// All headers and statuses from here on, in order of arrival; and when the images came, by both clocks.
+// All headers and statuses from here on, in order of arrival; and those of which the panel takes the latency, with its times.
 const listen = (page) => page.evaluate(() => {
   window.heard = { headers: [], statuses: [], times: [] };
-  window.relight.app.on('picture', ({ header, clock, nowMs }) => {
-    window.heard.headers.push(header);
-    window.heard.times.push({ header, nowUs: nowMs * 1000 + clock.offsetUs, t: performance.now() });
-  });
+  window.relight.app.on('picture', ({ header }) => window.heard.headers.push(header));
+  const { insight } = window.relight.insight;
+  const picture = insight.picture.bind(insight);
+  insight.picture = (header, nowUs, t) => {
+    const before = insight.seconds.reduce((sum, { count }) => sum + count, 0);
+    picture(header, nowUs, t);
+    if (insight.seconds.reduce((sum, { count }) => sum + count, 0) !== before) window.heard.times.push({ header, nowUs, t });
+  };
   window.relight.app.on('status', (s) => window.heard.statuses.push(s));
 });
 
@@ -47,10 +51,13 @@ const AUTO = ['--source', 'sky:size=128x64,time=10:00,speed=20', '--fps', '8', '
 
 onOnePage('the panel under auto', AUTO, {
   async 'each point is a drawn image, with its header’s time and its status’s error'(page) {
-    await page.waitForFunction(() => window.heard.statuses.length >= 6, null, { timeout: 30000 });
-    const { points, heard } = await page.evaluate(() => ({ points: window.relight.insight.insight.points, heard: window.heard }));
-    const held = points.filter((p) => heard.headers.some((h) => h.sequence === p.sequence) && heard.statuses.some((s) => s.frame === p.frame));
-    assert.ok(held.length >= 3, `${held.length} of ${points.length} points`);
+    await page.waitForFunction(() => {
+      const { heard } = window;
+      window.held = window.relight.insight.insight.points.filter((p) =>
+        heard.headers.some((h) => h.sequence === p.sequence) && heard.statuses.some((s) => s.frame === p.frame));
+      return window.held.length >= 3 && window.held.some((p) => p.error > 0);
+    });
+    const { held, heard } = await page.evaluate(() => ({ held: window.held, heard: window.heard }));
     for (const p of held) {
       const h = heard.headers.find(({ sequence }) => sequence === p.sequence);
       const s = heard.statuses.find(({ frame }) => frame === p.frame);
@@ -60,12 +67,11 @@ onOnePage('the panel under auto', AUTO, {
       assert.equal(p.error, s.light.error);
       assert.equal(p.method, s.method);
     }
-    assert.ok(held.some((p) => p.error > 0), 'auto estimates its error');
   },
 
   // Points are at their axis positions: the method's colour at each point's place on the canvas.
   async 'the newest point is at its time and error, within a ring, and also in the texts'(page) {
-    await page.waitForFunction(() => window.relight.insight.insight.points.filter((p) => p.error > 0).length >= 3, null, { timeout: 30000 });
+    await page.waitForFunction(() => window.relight.insight.insight.points.filter((p) => p.error > 0).length >= 3);
     const got = await page.evaluate(async () => {
       const { scatterPlaces, styleOf } = await import('./insight_draw.js');
       const { colours } = await import('./dom.js');
@@ -108,7 +114,7 @@ onOnePage('the panel under auto', AUTO, {
   },
 
   async 'the choice names the technique of direct light with its samples, and no omission twice'(page) {
-    await page.waitForFunction(() => window.relight.insight.insight.points.length >= 4, null, { timeout: 30000 });
+    await page.waitForFunction(() => window.relight.insight.insight.points.length >= 4);
     const { paths, leftOut } = await page.evaluate(() => window.relight.insight.insight.last);
     assert.match(paths, /^direct light.*, \d+ samples a point of [a-z]/);
     const phrases = leftOut.split('; ');
@@ -119,35 +125,37 @@ onOnePage('the panel under auto', AUTO, {
   // The server's values are means in which a new reading weighs a fifth, recomputed here from the headers of the same
   // images.
   async 'the server’s stage times are smoothed over its images'(page) {
-    await page.waitForFunction(() => window.heard.headers.length >= 40, null, { timeout: 60000 });
+    await page.waitForFunction(() => window.heard.headers.length >= 40);
     const count = await page.evaluate(() => window.heard.statuses.length);
-    await page.waitForFunction((n) => window.heard.statuses.length >= n + 2, count, { timeout: 30000 });
+    await page.waitForFunction((n) => window.heard.statuses.length >= n + 2, count);
     const { headers, statuses } = await page.evaluate(() => window.heard);
     const last = statuses.findLast((s) => headers.some((h) => h.frame === s.frame));
     const those = headers.slice(0, headers.findIndex((h) => h.frame === last.frame) + 1);
     const seen = (key) => those.map((h) => h[`${key}Us`] / 1000);
-    // For images that this viewer skipped, only bounds are known: the mean lies between least and most.
+    // The times of images that this viewer skipped, as a busy machine makes it do, are unknown.
     const whole = last.skipped === statuses[0].skipped;
     for (const key of ['queued', 'decoded', 'shaded']) {
       const wanted = seen(key).reduce((old, ms) => (old > 0 ? old + 0.2 * (ms - old) : ms), 0);
       const told = last.stages_ms[key];
       const slack = 0.02 * Math.max(...seen(key)) + 0.05; // images before the page connected count 0.8^30
-      assert.ok(told >= Math.min(...seen(key)) - slack && told <= Math.max(...seen(key)) + slack, `${key}: ${told} of ${seen(key)}`);
+      assert.ok(told >= 0, `${key}: ${told}`);
       if (whole) assert.ok(Math.abs(told - wanted) <= slack, `${key}: ${told} for ${wanted}`);
     }
     const encoded = seen('encoded');
-    assert.ok(last.stages_ms.encoded > 0 && last.stages_ms.encoded <= Math.max(...encoded) + 0.1, `${last.stages_ms.encoded} of ${encoded}`);
+    assert.ok(last.stages_ms.encoded > 0, `${last.stages_ms.encoded}`);
+    if (whole) assert.ok(last.stages_ms.encoded <= Math.max(...encoded) + 0.1, `${last.stages_ms.encoded} of ${encoded}`);
   },
 
   async 'the stages of latency are the means of the headers of a second'(page) {
-    await page.waitForFunction(() => window.heard.times.at(-1).t - window.heard.times[0].t > 4500);
-    const { seconds, heard } = await page.evaluate(() => ({ seconds: window.relight.insight.insight.seconds, heard: window.heard.times }));
-    const whole = seconds.filter((s) => s.t > heard[0].t && s.t + 1000 < heard.at(-1).t);
-    assert.ok(whole.length >= 2, `${whole.length} whole seconds`);
+    await page.waitForFunction(() => {
+      const { seconds } = window.relight.insight.insight;
+      window.whole = seconds.filter((s) => s.t > window.heard.times[0].t && s !== seconds.at(-1));
+      return window.whole.length >= 2;
+    });
+    const { whole, heard } = await page.evaluate(() => ({ whole: window.whole, heard: window.heard.times }));
     for (const s of whole) {
-      const those = heard.filter(({ t }) => t >= s.t && t < s.t + 999); // the two clocks are read one after the other
-      assert.ok(Math.abs(those.length - s.count) <= 1);
-      if (those.length !== s.count) continue;
+      const those = heard.filter(({ t }) => t >= s.t && t < s.t + 1000);
+      assert.equal(those.length, s.count);
       const mean = (f) => those.reduce((a, h) => a + f(h), 0) / those.length / 1000;
       const wanted = [
         mean(({ header: h }) => h.queuedUs + (h.captureUs > 0 ? Math.max(0, h.publishedUs - h.captureUs - h.queuedUs - h.decodedUs - h.shadedUs - h.encodedUs) : 0)),
@@ -170,37 +178,38 @@ onOnePage('the panel under auto', AUTO, {
   },
 
   async 'a moving sky is requested at most once a second, a folded panel requests nothing'(page) {
-    const count = async (ms) => {
-      await page.evaluate(() => {
-        window.asked = 0;
-        window.relight.app.sendFirst ??= window.relight.app.send;
-        window.relight.app.send = (m) => {
-          window.asked += m.op === 'probe';
-          window.relight.app.sendFirst(m);
-        };
-      });
-      await page.waitForTimeout(ms);
-      return page.evaluate(() => window.asked);
-    };
-    const frame = await page.evaluate(() => window.relight.sky.sky?.frame ?? 0);
-    const open = await count(4000);
-    assert.ok(open >= 2 && open <= 5, `${open} in four seconds`);
-    assert.ok(await page.evaluate(() => window.relight.sky.sky.frame) > frame);
+    const frame = await page.evaluate(() => {
+      window.asked = []; // each request, with the ticks of a second since the one before
+      window.ticks = 0;
+      const { sky, app } = window.relight;
+      const [ask, send] = [sky.ask.bind(sky), app.send];
+      sky.ask = () => { window.ticks++; ask(); };
+      app.send = (m) => {
+        if (m.op === 'probe') window.asked.push(window.ticks);
+        if (m.op === 'probe') window.ticks = 0;
+        send(m);
+      };
+      return sky.sky?.frame ?? 0;
+    });
+    await page.waitForFunction((f) => window.asked.length >= 3 && window.relight.sky.sky?.frame > f, frame);
+    const asked = await page.evaluate(() => window.asked);
+    assert.ok(asked.every((ticks) => ticks >= 1), `after so many seconds each: ${asked}`);
     await page.click('#sky-panel summary');
-    await page.waitForTimeout(300);
-    assert.equal(await count(2500), 0);
+    const open = await page.evaluate(() => { window.ticks = 0; return window.asked.length; });
+    await page.waitForFunction(() => window.ticks >= 3);
+    assert.equal(await page.evaluate(() => window.asked.length), open);
   },
 
   async 'a change of method starts a new choice, with the server’s text of what was left out'(page) {
-    await page.waitForFunction(() => window.relight.insight.insight.points.length > 0, null, { timeout: 30000 });
+    await page.waitForFunction(() => window.relight.insight.insight.points.length > 0);
     await say(page, { method: 'mis', samples: 4 });
-    await page.waitForFunction(() => window.relight.insight.insight.last.method === 'mis', null, { timeout: 30000 });
+    await page.waitForFunction(() => window.relight.insight.insight.last.method === 'mis');
     await page.evaluate(() => window.relight.insight.show());
     const { choices, light, methods } = await page.evaluate(() => ({
       choices: [...document.querySelectorAll('#insight-choices li')].map((li) => li.textContent), light: window.relight.status.light,
       methods: [...document.querySelectorAll('#insight-methods li')].map((li) => li.textContent),
     }));
-    assert.match(choices[0], /^\d+, \d+ s ago: mis: direct light/);
+    assert.match(choices[0], /^\d+, \d+ (s|min) ago: mis: direct light/);
     assert.ok(choices[0].includes(`Left out: ${light.left_out}`), `${choices[0]} for ${light.left_out}`);
     assert.deepEqual([...methods].sort(), ['auto', 'mis']);
     // Four samples at this size state an error, an upper bound, or neither: the words of the newest image say which.
@@ -208,20 +217,21 @@ onOnePage('the panel under auto', AUTO, {
       const { error, atMost } = window.relight.insight.insight.last;
       const words = document.querySelector('#insight-words').textContent;
       return words.includes('with mis') && words.includes(error ? 'noise about' : atMost ? 'noise at most' : 'its error is not known');
-    }, null, { timeout: 30000 });
+    });
   },
 
   async 'the statistics include the time before the server had the sky, like latency'(page) {
-    await page.waitForFunction(() => window.heard.headers.length >= 40, null, { timeout: 60000 });
+    await page.waitForFunction(() => window.heard.headers.length >= 40);
     await say(page, { paused: true });
-    await page.waitForFunction(() => window.relight.state.name === 'paused', null, { timeout: 30000 });
-    await page.waitForTimeout(1500); // everything under way has arrived, and the statistics are updated
-    const { headers, shown } = await page.evaluate(() => ({
-      headers: window.heard.headers, shown: document.getElementById('ms-queued').textContent,
-    }));
-    const waits = headers.filter((h) => !(h.flags & FLAG_FINER)).slice(-30)
-      .map((h) => latencyParts(h, NaN)[0]).sort((a, b) => a - b);
-    assert.equal(shown, milliseconds((waits[14] + waits[15]) / 2));
+    await page.waitForFunction(() => window.relight.state.name === 'paused');
+    await until(async () => { // everything under way has arrived, and the statistics are updated
+      const { headers, shown } = await page.evaluate(() => ({
+        headers: window.heard.headers, shown: document.getElementById('ms-queued').textContent,
+      }));
+      const waits = headers.filter((h) => !(h.flags & FLAG_FINER)).slice(-30)
+        .map((h) => latencyParts(h, NaN)[0]).sort((a, b) => a - b);
+      return shown === milliseconds((waits[14] + waits[15]) / 2);
+    });
   },
 });
 
@@ -231,7 +241,7 @@ test('for a still sky the error falls with each pass', () =>
       window.told = [];
       window.relight.app.on('status', ({ light }) => { if (light.passes > 0) window.told.push([light.passes, light.error]); });
     });
-    await page.waitForFunction(() => window.told.length >= 2 && window.told.at(-1)[0] >= 4 * window.told[0][0], null, { timeout: 60000 });
+    await page.waitForFunction(() => window.told.length >= 2 && window.told.at(-1)[0] >= 4 * window.told[0][0]);
     const told = await page.evaluate(() => window.told);
     const [[few, before], [many, now]] = [told[0], told.at(-1)];
     assert.ok(now > 0 && now < before, `${before} by ${few} passes, ${now} by ${many}`);
@@ -260,7 +270,7 @@ onOnePage('the sky panel', STILL, {
   async 'the sky panel shows the frame’s sky and marks its sun, also rotated'(page) {
     for (const turn of [0, 70, -110]) {
       await say(page, { rotate_degrees: turn });
-      await page.waitForFunction((t) => window.relight.sky.sky?.turn === t, turn, { timeout: 30000 });
+      await page.waitForFunction((t) => window.relight.sky.sky?.turn === t, turn);
       const [sun, bright] = [await sunPlace(page), await brightest(page)];
       const across = Math.abs(((sun.u - bright.u + 1.5) % 1) - 0.5) * Math.sin(Math.PI * sun.v);
       assert.ok(across < 0.03 && Math.abs(sun.v - bright.v) < 0.03, `turned by ${turn}: ${JSON.stringify([sun, bright])}`);
@@ -271,18 +281,18 @@ onOnePage('the sky panel', STILL, {
   },
 
   async 'a probed pixel’s samples are in the sky panel until the probe stops'(page) {
-    await page.waitForFunction(() => window.relight.sky.sky, null, { timeout: 30000 });
+    await page.waitForFunction(() => window.relight.sky.sky);
     const plain = await page.evaluate(() => window.relight.sky.canvas.toDataURL());
     const box = await page.locator('#picture').boundingBox();
     await page.mouse.click(box.x + 0.45 * box.width, box.y + 0.7 * box.height);
-    await page.waitForFunction(() => window.relight.sky.pixel?.light.length > 0 && /light samples of pixel/.test(document.getElementById('sky-words').textContent), null, { timeout: 30000 });
+    await page.waitForFunction(() => window.relight.sky.pixel?.light.length > 0 && /light samples of pixel/.test(document.getElementById('sky-words').textContent));
     const { pixel, words, marked } = await page.evaluate(() => ({
       pixel: window.relight.probe.answer, words: document.getElementById('sky-words').textContent, marked: window.relight.sky.canvas.toDataURL(),
     }));
     assert.ok(words.includes(`the ${pixel.light.length} light samples of pixel ${pixel.x}, ${pixel.y}`), words);
     assert.notEqual(marked, plain);
     await page.click('#probe-stop');
-    await page.waitForFunction(() => !/light samples/.test(document.getElementById('sky-words').textContent), null, { timeout: 10000 });
+    await page.waitForFunction(() => !/light samples/.test(document.getElementById('sky-words').textContent));
   },
 });
 
@@ -291,7 +301,7 @@ test('changed pixels lie over the image while they are asked for', () => withPag
   await page.evaluate(() => { document.querySelector('#insight details').open = true; });
   assert.equal(await page.evaluate(() => window.relight.changes.socket ?? null), null);
   await page.click('#changes-shown');
-  await page.waitForFunction(() => /of the pixels changed/.test(document.getElementById('changes-words').textContent), null, { timeout: 30000 });
+  await page.waitForFunction(() => /of the pixels changed/.test(document.getElementById('changes-words').textContent));
   const map = await page.evaluate(() => {
     const canvas = document.getElementById('changes-map');
     const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);

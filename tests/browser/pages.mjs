@@ -14,8 +14,8 @@ const DESKTOP = { width: 1280, height: 800 };
 const folder = mkdtempSync(join(tmpdir(), 'relight-pages-'));
 
 const settled = (page, ms = 2500) => page.waitForTimeout(ms); // for noise to disappear and statistics to arrive
-const drawn = (page) => page.waitForFunction(() => window.relight?.frames > 0 && window.relight.app.control, null, { timeout: 120000 });
-const withSky = async (page) => { await drawn(page); await page.waitForFunction(() => window.relight.sky?.sky, null, { timeout: 60000 }); };
+const drawn = (page) => page.waitForFunction(() => window.relight?.frames > 0 && window.relight.app.control);
+const withSky = async (page) => { await drawn(page); await page.waitForFunction(() => window.relight.sky?.sky); };
 const askFor = (page, wish) => page.evaluate((w) => window.relight.app.send({ op: 'control', request: 1, ...w }), wish);
 
 // A grey sky, and an invalid file.
@@ -52,7 +52,7 @@ const PAGES = {
   watching: { hash: '#role=viewer', act: drawn },
   waiting: { args: ['--source', 'push:'], act: (page) => untilState(page, 'waiting') },
   failed: { args: () => ['--source', skies(), '--size', '1280x720', '--rate', '0.5', '--fps', '4'], act: async (page) => { await drawn(page); await untilState(page, 'failed'); } },
-  ended: { args: ['--source', 'sky:time=17:00', '--frames', '0-1', '--once', '--converge', '3e-3', '--size', '1280x720'], act: async (page) => { await untilState(page, 'ended', 60000); await settled(page, 5000); await untilState(page, 'ended', 60000); } },
+  ended: { args: ['--source', 'sky:time=17:00', '--frames', '0-1', '--once', '--converge', '3e-3', '--size', '1280x720'], act: async (page) => { await untilState(page, 'ended'); await settled(page, 5000); await untilState(page, 'ended'); } },
   reconnecting: {
     act: async (page, server) => {
       await drawn(page);
@@ -67,7 +67,7 @@ const PAGES = {
       await askFor(page, { paused: true });
       const box = await page.locator('#picture').boundingBox();
       await page.mouse.click(box.x + 0.42 * box.width, box.y + 0.62 * box.height);
-      await page.waitForSelector('#probe-shown:not([hidden])', { timeout: 30000 });
+      await page.waitForSelector('#probe-shown:not([hidden])');
       await page.locator('#probe-title').evaluate((e) => e.scrollIntoView({ block: 'start' }));
     },
   },

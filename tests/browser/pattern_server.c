@@ -239,13 +239,13 @@ static void attend(struct pattern *p, double until)
     while (!ended) {
         const double left = until - clock_seconds();
         struct pollfd in = { .fd = STDIN_FILENO, .events = POLLIN };
-        if (left <= 0.0)
-            return;
-        if (poll(&in, 1, (int)ceil(left * 1000.0)) > 0) {
+        if (poll(&in, 1, left > 0.0 ? (int)ceil(left * 1000.0) : 0) > 0) {
             if (!fgets(line, sizeof(line), stdin))
                 ended = 1;
             else
                 obey(p, line);
+        } else if (left <= 0.0) {
+            return; /* not before all commands are read, even where every picture is late */
         }
     }
 }

@@ -1,13 +1,15 @@
 // The page behind slow and long connections: images stay current, and it recovers by itself. Times are printed, not
-// asserted, except for bounds that only a growing queue would break. RELIGHT_PATTERN_SERVER names the server.
+// asserted. RELIGHT_PATTERN_SERVER names the server.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { beginTests, startServer, state, untilFrames, untilState } from './lib.mjs';
+import { CREDIT } from '../../clients/js/protocol.js';
+import { beginTests, startServer, until, untilFrames, untilSentence, untilState } from './lib.mjs';
 import { startRelay } from './relay.mjs';
 
 const chromium = await beginTests(['RELIGHT_PATTERN_SERVER']);
 const PATTERN = chromium.RELIGHT_PATTERN_SERVER;
 const BUILT_IN = process.env.RELIGHT_H264 === 'ON';
+const CREDIT_H264 = 16; // PROTOCOL.md 5.11
 
 // The page records time, numbers and age of each drawn image: both ends share one clock.
 const note = () => {
@@ -28,7 +30,7 @@ async function withRelay(args, line, query, body) {
     await page.goto(`${relay.url}${query}`);
     await untilFrames(page, 5);
     relay.set(line);
-    await page.waitForTimeout(1500); // until everything under way was sent over this connection
+    await untilFrames(page, 4); // by now everything under way was sent over this connection
     await page.evaluate(note);
     await body(page, relay, server);
     assert.deepEqual(faults, []);
@@ -41,42 +43,38 @@ async function withRelay(args, line, query, body) {
 
 const median = (values) => [...values].sort((a, b) => a - b)[values.length >> 1];
 
-// {count, frameMs between two images, ageMs: medians; bytes of one}
-async function watch(page, ms) {
-  await page.waitForTimeout(ms);
+// Of so many images: {frameMs between two, ageMs: medians; bytes of one}
+async function watch(page, count) {
+  await page.waitForFunction((n) => window.drawn.length >= n, count);
   const drawn = await page.evaluate(() => window.drawn.splice(0));
   const fresh = drawn.filter(({ flags }) => !(flags & 2));
   const gaps = drawn.slice(1).map(({ at }, i) => at - drawn[i].at);
-  assert.ok(drawn.length >= 4, `${drawn.length} pictures in ${ms} ms`);
   drawn.slice(1).forEach(({ sequence, frame }, i) => {
     assert.ok(sequence > drawn[i].sequence && frame > drawn[i].frame, 'an older picture was drawn');
   });
   return {
-    count: drawn.length, frameMs: median(gaps), ageMs: median(fresh.map(({ age }) => age)),
+    frameMs: median(gaps), ageMs: median(fresh.map(({ age }) => age)),
     bytes: median(drawn.map(({ bytes }) => bytes)), format: drawn.at(-1).format,
   };
 }
 
-const say = (name, { count, frameMs, ageMs, bytes, format }, pathMs) =>
-  console.log(`${name}: ${format}, ${count} pictures of ${(bytes / 1000).toFixed(1)} kB, one each ${frameMs.toFixed(0)} ms, `
+const say = (name, { frameMs, ageMs, bytes, format }, pathMs) =>
+  console.log(`${name}: ${format}, pictures of ${(bytes / 1000).toFixed(1)} kB, one each ${frameMs.toFixed(0)} ms, `
     + `${ageMs.toFixed(0)} ms old when drawn; two of these times and the path are ${(2 * frameMs + pathMs).toFixed(0)} ms`);
 
 for (const [bytesPerSecond, delayMs] of [[2.5e5, 20], [1e5, 100]]) {
-  test(`over ${bytesPerSecond / 1000} kB/s and ${delayMs} ms JPEG is never older than two pictures and the path`, () =>
+  test(`over ${bytesPerSecond / 1000} kB/s and ${delayMs} ms the server passes over the JPEG pictures that the line has no room for`, () =>
     withRelay(['--size', '320x180', '--rough', '--quality', '90'], { bytesPerSecond, delayMs }, '?coding=jpeg', async (page) => {
-      const first = await watch(page, 3500);
-      const second = await watch(page, 3500);
-      say('at first', first, delayMs);
-      say('later', second, delayMs);
-      // A growing queue would be seconds long by now; one more image, as on a busy machine, is not.
-      for (const { frameMs, ageMs } of [first, second])
-        assert.ok(ageMs < 3 * frameMs + delayMs + 200, `${ageMs} ms old, a picture each ${frameMs} ms`);
-      assert.ok(await page.evaluate(() => window.relight.status.skipped) > 0);
-      assert.equal(await state(page), 'live');
+      const skipped = () => page.evaluate(() => window.relight.status.skipped);
+      const before = await skipped();
+      say('at first', await watch(page, 10), delayMs);
+      say('later', await watch(page, 10), delayMs);
+      await page.waitForFunction((n) => window.relight.status.skipped > n, before);
+      await untilState(page, 'live');
     }));
 }
 
-test('over a long slow connection H.264 arrives in an unbroken chain, and more often than JPEG', async (t) => {
+test('over a long slow connection H.264 arrives in an unbroken chain of small pictures', async (t) => {
   if (!BUILT_IN) {
     t.skip('no H.264 here');
     return;
@@ -85,7 +83,7 @@ test('over a long slow connection H.264 arrives in an unbroken chain, and more o
   for (const query of ['', '?coding=jpeg'])
     await withRelay(['--size', '320x180', '--rough', '--quality', '85', '--h264'], { bytesPerSecond: 1e5, delayMs: 100 }, query,
       async (page) => {
-        got[query] = await watch(page, 5000);
+        got[query] = await watch(page, 12);
         say('over 100 kB/s and 100 ms', got[query], 100);
         if (!query && got[query].format === 'h264') assert.equal(await page.evaluate(() => window.relight.noVideo), null);
       });
@@ -93,31 +91,33 @@ test('over a long slow connection H.264 arrives in an unbroken chain, and more o
     t.skip('this browser decodes no H.264');
     return;
   }
-  // By how much depends on the machine, which may encode and decode fewer than the line has room for.
-  assert.ok(got[''].count > got['?coding=jpeg'].count);
+  // By how much more come depends on the machine, which may encode and decode fewer than the line has room for.
   assert.ok(4 * got[''].bytes < got['?coding=jpeg'].bytes);
-  assert.ok(got[''].ageMs < got['?coding=jpeg'].ageMs);
 });
 
 for (const query of ['', '?coding=jpeg']) {
   test(`a line that hangs for a while goes on at the newest picture${query ? ', in JPEG' : ''}`, () =>
-    withRelay(['--h264'], { bytesPerSecond: 1e7, delayMs: 10 }, query, async (page, relay) => {
+    withRelay(['--h264'], { bytesPerSecond: 1e7, delayMs: 10 }, query, async (page, relay, server) => {
       relay.freeze();
-      await untilState(page, 'stalled');
-      assert.match(await page.textContent('#sentence'), /^Nothing received from the server for \d+ s/);
+      await untilSentence(page, /^Nothing received from the server for \d+ s/);
+      const { last, from } = await page.evaluate(() => ({ last: window.drawn.length, from: window.drawn.at(-1).frame }));
+      server.say('dump /dev/null');
+      await until(() => /dumped frame \d+/.test(server.text()));
+      const thawed = Number(server.text().match(/dumped frame (\d+)/)[1]);
       relay.thaw();
+      // The next images are those that were under way, and then new ones: hundreds are never caught up with.
+      await page.waitForFunction((n) => window.drawn.at(-1).frame > n, thawed);
+      const old = await page.evaluate(([n, frame]) => window.drawn.slice(n).filter((d) => d.frame < frame).length, [last, thawed]);
+      console.log(`${old} images older than the thaw, after frame ${from} of ${thawed}`);
+      assert.ok(old <= (query ? CREDIT : CREDIT_H264));
       await untilState(page, 'live');
-      await page.waitForTimeout(1000);
-      await page.evaluate(() => { window.drawn.length = 0; });
-      const later = await watch(page, 2000);
-      say('after three silent seconds', later, 10);
-      assert.ok(later.ageMs < 1000, `${later.ageMs}`);
+      say('afterwards', await watch(page, 5), 10);
     }));
 }
 
 test('a broken connection is resumed in the same coding', () =>
   withRelay(['--h264'], { delayMs: 10 }, '', async (page, relay) => {
-    const { format } = await watch(page, 1000);
+    const { format } = await watch(page, 5);
     for (let i = 0; i < 2; i++) {
       relay.cut();
       await page.waitForFunction(() => window.relight.state.name !== 'live');

@@ -3,7 +3,7 @@
 import assert from 'node:assert/strict';
 import { createServer } from 'node:http';
 import { after, test } from 'node:test';
-import { beginTests, startServer, untilFrames, untilState } from './lib.mjs';
+import { beginTests, startServer, until, untilFrames, untilState } from './lib.mjs';
 
 const { browser, RELIGHT_RELIGHTD } = await beginTests(['RELIGHT_RELIGHTD']);
 
@@ -82,9 +82,7 @@ test('a violation would be detected, and is blocked', async () => {
   });
   assert.deepEqual(done, { intruded: false, fetched: false });
   for (const directive of ['script-src', 'img-src', 'connect-src']) {
-    for (let i = 0; i < 50 && !page.violations.some((v) => v.includes(directive)); i++)
-      await new Promise((resolve) => { setTimeout(resolve, 100); });
-    assert.ok(page.violations.some((v) => v.includes(directive)), `${directive}: ${page.violations}`);
+    await until(() => page.violations.some((v) => v.includes(directive)));
   }
   await page.close();
 });
@@ -134,7 +132,7 @@ test('/embed shows the image alone, also in a frame of a site that may, and noth
     await page.goto(`${site}/?show=${encodeURIComponent(server.url + path)}`);
     const frame = page.frames().find((f) => f !== page.mainFrame());
     // A blocked frame has the browser's own page instead, whose script cannot be seen.
-    return frame.waitForFunction(() => window.relight?.frames > 2 || location.protocol === 'chrome-error:', null, { timeout: 30000 })
+    return frame.waitForFunction(() => window.relight?.frames > 2 || location.protocol === 'chrome-error:')
       .then(() => frame.evaluate(() => window.relight?.frames > 2));
   };
   assert.equal(await framed(friend, 'embed'), true);
@@ -147,11 +145,11 @@ test('a browser shows snapshots and the stream, but to no other site', async () 
   const page = await browser.newPage();
   for (const path of ['snapshot.jpg', 'snapshot.png?width=80', 'stream.mjpeg']) {
     await page.goto(server.url + path, { waitUntil: 'commit' });
-    await page.waitForFunction(() => document.images[0]?.naturalWidth > 0, null, { timeout: 30000 });
+    await page.waitForFunction(() => document.images[0]?.naturalWidth > 0);
     assert.equal(await page.evaluate(() => document.images[0].naturalWidth), path.includes('80') ? 80 : 96);
   }
   await page.goto(`${stranger}/?show=${encodeURIComponent(`${server.url}snapshot.jpg`)}`);
-  await page.waitForFunction(() => document.images[0].complete, null, { timeout: 30000 });
+  await page.waitForFunction(() => document.images[0].complete);
   assert.equal(await page.evaluate(() => document.images[0].naturalWidth), 0);
   await page.close();
 });

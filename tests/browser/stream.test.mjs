@@ -3,7 +3,7 @@
 import assert from 'node:assert/strict';
 import { after, before, test } from 'node:test';
 import {
-  brightness, beginTests, openPage, readback, sentence, startServer, state, untilFrames, untilState,
+  brightness, beginTests, openPage, readback, sentence, startServer, untilFrames, untilSentence, untilState,
 } from './lib.mjs';
 
 const command = process.env.RELIGHT_STREAM_COMMAND ?? '';
@@ -48,12 +48,12 @@ function tones({ data }) {
 }
 
 test('images of a lit scene arrive and move', async () => {
-  await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
+  await page.waitForFunction(() => window.relight?.frames > 0);
   const pictures = [await readback(page)];
-  for (let i = 0; i < 8; i++) {
-    await untilFrames(page, 1, 120000);
+  do { // at least eight, and until the sky has moved
+    await untilFrames(page, 1);
     pictures.push(await readback(page));
-  }
+  } while (pictures.length <= 8 || moved(pictures[0], pictures.at(-1)) <= 0.01);
   const last = pictures.at(-1);
   for (const picture of pictures) {
     const mean = meanOf(picture, 0, 1);
@@ -70,12 +70,11 @@ test('images of a lit scene arrive and move', async () => {
   // numbers rise, or restart where the sequence does; each image is another
   assert.equal(new Set(pictures.map((p) => p.header.sequence)).size, pictures.length);
   assert.ok(new Set(pictures.map((p) => p.header.frame)).size >= pictures.length / 2, 'the sky frames do not advance');
-  assert.ok(share > 0.01, `only ${(share * 100).toFixed(2)} % of the pixels changed`);
   assert.deepEqual(page.faults, []);
 });
 
 test('the page describes what it shows, and how fast', async () => {
-  await page.waitForFunction(() => window.relight?.frames > 2, null, { timeout: 120000 });
+  await page.waitForFunction(() => window.relight?.frames > 2);
   await page.waitForFunction(() => window.relight.status?.scene && window.relight.status?.samples > 0);
   assert.match(await page.textContent('#about'), /^[^/]+ under [^/]+; \d+\u00a0×\u00a0\d+, \d+ samples per point, method \S+\.$/);
   const { width, height, header } = await readback(page);
@@ -88,19 +87,18 @@ test('the page describes what it shows, and how fast', async () => {
 test('a second viewer does not affect the first', async () => {
   const second = await openPage(chromium.browser, server.url);
   try {
-    await second.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
-    await untilFrames(page, 2, 120000);
+    await second.waitForFunction(() => window.relight?.frames > 0);
+    await untilFrames(page, 2);
   } finally {
     await second.close();
   }
-  await untilFrames(page, 2, 120000);
-  assert.equal(await state(page), 'live', await sentence(page));
+  await untilFrames(page, 2);
+  await untilState(page, 'live');
 });
 
 test('the page notices when the server exits', async () => {
-  await page.waitForFunction(() => window.relight?.frames > 0, null, { timeout: 120000 });
+  await page.waitForFunction(() => window.relight?.frames > 0);
   const { code, signal } = await server.stop();
   assert.ok(code === 0 && signal === null, `the server ended with ${code ?? signal}:\n${server.text()}`);
-  await untilState(page, 'reconnecting');
-  assert.match(await sentence(page), /Retrying$/);
+  await untilSentence(page, /Retrying$/);
 });

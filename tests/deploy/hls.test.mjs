@@ -56,7 +56,7 @@ describe('published by relightd', { concurrency: 2 }, () => {
         await page.waitForFunction((old) => { // a start is a leap in the numbers of segments
           const start = (name) => Number(name.match(/live-(\d+)/)[1]);
           return Math.abs(start(window.relight.player.newest) - start(old)) > 1000 && window.relight.state.name === 'live';
-        }, before, { timeout: 120000 });
+        }, before);
         await untilFrames(page, 10);
         assert.deepEqual(faults, []);
         assert.deepEqual([...hosts], [new URL(site.url).host]);
