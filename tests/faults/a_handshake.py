@@ -6,12 +6,12 @@ import asyncio
 from faults import TEXT, Raw, Relightd, Viewer, check, hello, main, row
 
 
-async def answers(stage, data, most_s=10):
+async def answers(stage, data):
     """The whole response to these bytes, until the server closes."""
     raw = await stage.raw()
     raw.send(data)
     try:
-        return await raw.rest(most_s)
+        return await raw.rest()
     finally:
         raw.shut()
 
@@ -30,30 +30,28 @@ async def refused(stage, wanted, **other):
     raw = await stage.raw()
     got = await raw.upgrade(**other)
     check(got == wanted, f"{other}: answered {got} instead of {wanted}")
-    await raw.rest(5)
+    await raw.rest()
     raw.shut()
 
 
 @row(patient=True)
 async def A01_silent_connect(stage):
     raw = await stage.raw()
-    took = await raw.ends(15)
+    took = await raw.ends()
     return f"cut after {took:.1f} s"
 
 
-@row(patient=True, most_s=30)
+@row(patient=True)
 async def A02_slow_headers(stage):
     raw = await stage.raw()
     text = raw.handshake()
-    ended = asyncio.ensure_future(raw.ends(25))
-    for byte in text:
-        if ended.done():
-            break
-        raw.send(bytes([byte]))
+    ended = asyncio.ensure_future(raw.ends())
+    sent = 0
+    while not ended.done() and sent < len(text) - 1:
+        raw.send(text[sent:sent + 1])
+        sent += 1
         await asyncio.sleep(0.25)
-    took = await ended
-    check(took < 20, f"only after {took:.1f} s")
-    return f"cut after {took:.1f} s"
+    return f"cut after {await ended:.1f} s and {sent} of {len(text)} bytes"
 
 
 @row(counts=None)
@@ -125,12 +123,12 @@ async def A09_foreign_origin(stage):
     return "403; none and our own are let in"
 
 
-@row(alone=True, most_s=40)
+@row(alone=True)
 async def A10_wrong_tokens(folder):
     words = {"viewer": "alpha-token", "controller": "beta-token", "producer": "gamma-token"}
     flags = [x for role, word in words.items() for x in (f"--token-{role}", word)]
     async with Relightd(*flags, source="sky:size=128x64,speed=60") as server, Viewer(server, token="alpha-token") as viewer:
-        await viewer.sees(2, 30)
+        await viewer.sees(2)
         for token in (None, "", "alpha-toke", "alpha-token ", "ALPHA-TOKEN", "beta-token", "a" * 255):
             raw = await Raw.open(server.port)
             check(await raw.upgrade(path="/ws", Authorization="Bearer alpha-token") == 101, "no handshake")
@@ -168,7 +166,7 @@ async def A11_old_http(stage):
     got = status(await answers(stage, request(stage, "GET /healthz HTTP/1.0")))
     check(got in (200, 400, 505), f"HTTP/1.0: {got}")
     for line in (b"GET /healthz\r\n\r\n", b"GET /healthz HTTP/0.9\r\n\r\n", b"\r\n\r\n", b"GET\r\n\r\n"):
-        rest = await answers(stage, line, 15)
+        rest = await answers(stage, line)
         check(b"200 OK" not in rest, f"{line}: {rest[:40]}")  # no Host, no answer
     for version in ("HTTP/1.0", "HTTP/0.9", "HTTP/2.0", "HTTP/x"):
         await refused(stage, 400, http=version)
@@ -182,7 +180,7 @@ async def A12_pipelined_requests(stage):
     raw.send(one * 3 + raw.handshake() + hello())
     codes = []
     for _ in range(4):
-        got, head = await raw.answer(5)
+        got, head = await raw.answer()
         codes.append(got)
         size = [int(line.split(b":")[1]) for line in head.lower().split(b"\r\n") if line.startswith(b"content-length")]
         if size:
@@ -251,7 +249,7 @@ async def A17_http2_preface(stage):
 async def A18_tls_to_the_plain_port(stage):
     greeting = bytes.fromhex("16030100c8010000c40303") + bytes(range(189)) + b"\0" * 200
     for data in (greeting, b"\x80\x2e\x01\0\x02" + b"\0" * 50, bytes(range(256)) * 40):
-        rest = await answers(stage, data, 15)
+        rest = await answers(stage, data)
         check(b"101 " not in rest[:20], f"{rest[:40]}")
     return "cut"
 

@@ -11,11 +11,11 @@ from faults import BINARY, CLOSE, MORE, PING, PONG, TEXT, check, environment, fr
 ASK = json.dumps({"op": "ping", "id": 7}).encode()
 
 
-async def cut(stage, data, codes=(1002, None), most_s=10, role="viewer"):
+async def cut(stage, data, codes=(1002, None), role="viewer"):
     """The connection closes with one of these codes (None: without one); returns it."""
     raw = await stage.client(role)
     raw.send(data)
-    got = await raw.closed(most_s)
+    got = await raw.closed()
     check(got in codes, f"{data[:24].hex()}: closed with {got} instead of one of {codes}")
     raw.shut()
     return got
@@ -36,7 +36,7 @@ async def B21_unmasked_frames(stage):
 async def B22_reserved_bits(stage):
     """lws 4.1.6 stops reading, and closes the connection five seconds later, without a code."""
     begun = time.monotonic()
-    codes = await asyncio.gather(*(cut(stage, frame(op, ASK, reserved=bits), most_s=15)
+    codes = await asyncio.gather(*(cut(stage, frame(op, ASK, reserved=bits))
                                    for bits in (1, 2, 4, 7) for op in (TEXT, PING)))
     return f"closed with {set(codes)} after {time.monotonic() - begun:.1f} s"
 
@@ -96,23 +96,23 @@ async def B28_endless_empty_fragments(stage):
     return f"closed with {await cut(stage, data, codes=(1009, None))}"
 
 
-@row(most_s=40, memory_kib=8192)  # the first of its kind fills lws' buffers; further ones add nothing
+@row(memory_kib=8192)  # the first of its kind fills lws' buffers; further ones add nothing
 async def B29_a_message_of_one_byte_fragments(stage):
     text = frame(TEXT, b"{", fin=False) + frame(MORE, b" ", fin=False) * (1 << 20)
-    first = await cut(stage, text, codes=(1009, None), most_s=20)
+    first = await cut(stage, text, codes=(1009, None))
     async with stage.without_producer():
         message = environment(1, b"x" * (1 << 20), encoding=2)
         flood = frame(BINARY, message[:1], fin=False) + b"".join(frame(MORE, message[i:i + 1], fin=False)
                                                                   for i in range(1, 70000))
-        second = await cut(stage, flood, codes=(1009, 4002, None), most_s=20, role="producer")
+        second = await cut(stage, flood, codes=(1009, 4002, None), role="producer")
     return f"text closed with {first}, a frame with {second}"
 
 
-@row(most_s=40)
+@row()
 async def B30_ping_and_pong_floods(stage):
     raw = await stage.client()
     begun = time.monotonic()
-    heard = asyncio.ensure_future(raw.rest(30))
+    heard = asyncio.ensure_future(raw.rest())
     for _ in range(20):
         raw.send(frame(PING, b"y" * 100) * 1000 + frame(PONG, b"z" * 100) * 1000)
         if not await raw.flush():
@@ -171,7 +171,7 @@ async def B34_half_closed_within_a_frame(stage):
         raw = await stage.client()
         raw.send(part)
         raw.writer.write_eof()
-        await raw.rest(10)
+        await raw.rest()
         raw.shut()
     return "cut"
 
@@ -187,15 +187,11 @@ async def B35_reset_within_a_frame(stage):
     return "100 resets"
 
 
-@row(patient=True, most_s=60)
+@row(patient=True)
 async def B36_a_message_that_stops(stage):
     raw = await stage.client()
     raw.send(frame(TEXT, ASK)[:9])
-    began = time.monotonic()
-    await raw.rest(50)
-    took = time.monotonic() - began
-    check(took < 40, f"only after {took:.0f} s")
-    return f"cut after {took:.1f} s"
+    return f"cut after {await raw.ends():.1f} s"
 
 
 @row(counts="error")

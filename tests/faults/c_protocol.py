@@ -4,7 +4,7 @@
 import json
 import struct
 
-from faults import (BINARY, KEPT, TEXT, WAIT_S, Raw, Relightd, Viewer, check, environment, frame, hello, main, row, say)
+from faults import (BINARY, KEPT, TEXT, Raw, Relightd, Viewer, check, environment, frame, hello, main, row, say)
 
 
 async def stays(stage, message, code, role="viewer"):
@@ -46,7 +46,7 @@ async def C42_unknown_op_and_version(stage):
     return "unknown_op stays; 4005 bad_version"
 
 
-@row(counts="error", most_s=40)
+@row(counts="error")
 async def C43_environment_headers_that_lie(stage):
     good = environment(1, b"x" * 96, encoding=4)
     fields = {"magic": (0, 4), "header": (4, 2), "encoding": (6, 1), "layout": (7, 1), "channels": (9, 1), "width": (12, 4),
@@ -70,7 +70,7 @@ async def C43_environment_headers_that_lie(stage):
     return f"{count + 6} headers: 4002 or 1009"
 
 
-@row(counts="error", most_s=40)
+@row(counts="error")
 async def C44_hostile_json(stage):
     deep = b"[" * 8000 + b"]" * 8000
     for bad, codes in ((deep, (4001,)), (b'{"a":' * 2500 + b"1" + b"}" * 2500, (4001,)),
@@ -87,7 +87,7 @@ async def C44_hostile_json(stage):
     return "4001 bad_json, 4002 bad_field, 1009 too_big"
 
 
-@row(counts="error", most_s=40)
+@row(counts="error")
 async def C45_numbers_out_of_their_range(stage):
     """Cameras are chosen by name; these are the numbers that a controller sends."""
     bad = [{"rotate_degrees": v} for v in (3601, -3601, "1", None)] + [{"scale_stops": 61}, {"samples": 0}, {"samples": 1.5},
@@ -109,7 +109,7 @@ async def C45_numbers_out_of_their_range(stage):
     return f"{len(bad)} values: bad_field, the connection stays; 4 are no JSON: 4001"
 
 
-@row(alone=True, most_s=60)
+@row(alone=True)
 async def C46_sizes_at_their_limits(folder):
     from peer import run
     for size in ("0x0", "0x36", "16385x16", "64", "-1x4", "99999999999x1", "1e3x1"):
@@ -119,7 +119,7 @@ async def C46_sizes_at_their_limits(folder):
         async with Relightd("--size", size, "--scene", box(folder), source="sky:size=128x64,speed=60") as server:
             for format in ("jpeg", "h264", "exr_half"):
                 async with Viewer(server, format) as viewer:
-                    await viewer.sees(2, 20)
+                    await viewer.sees(2)
             raw = await Raw.open(server.port)
             check(await raw.upgrade() == 101, "no handshake")
             raw.send(hello())
@@ -174,7 +174,7 @@ async def C47_acks_that_lie(stage):
 FLOODS = 5
 
 
-@row(counts="error", memory_kib=49152, most_s=60)
+@row(counts="error", memory_kib=49152)
 async def C48_control_messages_in_a_flood(stage):
     # Rotations allocate sky tables, one for each slot that has another, and their memory stays. How many there are at once
     # is chance: soon a flood takes no more.
@@ -182,10 +182,10 @@ async def C48_control_messages_in_a_flood(stage):
         memory = stage.server.memory_kib()
         raw = await stage.client("controller")
         raw.send(b"".join(say(op="control", request=i, rotate_degrees=i % 360) for i in range(10000)))
-        got = await raw.closed(20)
+        got = await raw.closed()
         check(got in (4010, None), f"closed with {got}")
         raw.shut()
-        await stage.viewer.sees(6, WAIT_S)
+        await stage.viewer.sees(6)
         grown = stage.server.memory_kib() - memory
         check(grown <= (4096 if flood == FLOODS - 1 else 49152) * KEPT, f"{grown} KiB more memory in flood {flood}")
         if flood > 0 and grown <= 4096 * KEPT:
@@ -194,7 +194,7 @@ async def C48_control_messages_in_a_flood(stage):
     again.send(say(op="control", rotate_degrees=0, method="auto"))
     await again.pong()
     again.shut()
-    await stage.viewer.sees(6, WAIT_S)  # by then all slots have the tables of the old rotation again
+    await stage.viewer.sees(6)  # by then all slots have the tables of the old rotation again
     return f"10000 at once: {got} too_fast"
 
 

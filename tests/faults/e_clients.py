@@ -11,9 +11,9 @@ import struct
 import time
 from pathlib import Path
 
-from faults import BINARY, TEXT, Deadline, Failed, Raw, Relightd, Viewer, check, hello, main, row, say, skip
+from faults import BINARY, TEXT, Deadline, Failed, Raw, Relightd, Viewer, check, hello, main, row, say, skip, until
 
-KEY, REPEAT = 64, 2  # flags of a picture
+KEY = 64  # flag of a picture
 
 
 async def watching(stage, format="jpeg", buffer=None, **wish):
@@ -36,29 +36,30 @@ async def picture(raw):
             return sequence, payload[7]
 
 
-async def end_of(stage, raw, most_s):
+async def end_of(stage, raw):
     """How long the server keeps a connection that reads nothing. Unread data hides its FIN from this end, so the
     kernel is asked about the other one: a socket without owner has no inode."""
     raw.writer.transport.pause_reading()
     ends = f":{stage.server.port:04X}", f":{raw.writer.get_extra_info('sockname')[1]:04X}"
     begun = time.monotonic()
-    while time.monotonic() - begun < most_s:
-        await asyncio.sleep(0.2)
+
+    def ended():
         lines = [line.split() for line in Path("/proc/net/tcp").read_text(encoding="ascii").splitlines()]
-        if not any(l[1].endswith(ends[0]) and l[2].endswith(ends[1]) and l[9] != "0" for l in lines[1:]):
-            return time.monotonic() - begun
-    raise Failed(f"still connected after {most_s} s")
+        return not any(l[1].endswith(ends[0]) and l[2].endswith(ends[1]) and l[9] != "0" for l in lines[1:])
+
+    await until(ended, "still connected")
+    return time.monotonic() - begun
 
 
-@row(patient=True, most_s=60, memory_kib=65536)
+@row(patient=True, memory_kib=65536)
 async def E68_a_viewer_that_stops_reading(stage):
     raw = await watching(stage, "exr_float", buffer=4096)
-    took = await end_of(stage, raw, 45)
+    took = await end_of(stage, raw)
     raw.shut()
     return f"cut after {took:.0f} s"
 
 
-@row(patient=True, most_s=60, memory_kib=65536)
+@row(patient=True, memory_kib=65536)
 async def E69_a_viewer_at_10_kilobytes_a_second(stage):
     """A client must read 64 KiB in ten seconds: one near the limit is kept."""
     raw = await watching(stage, "jpeg", buffer=4096)
@@ -97,19 +98,18 @@ async def E70_a_hidden_tab_comes_back(stage):
     check(raw.binary - before <= 2, f"{raw.binary - before} pictures to a hidden tab")
     begun = time.monotonic()
     raw.send(say(op="subscribe", format="jpeg"))
-    _, flags = await picture(raw)
+    await picture(raw)
     took = time.monotonic() - begun
-    check(flags & REPEAT or took < 10, "no picture at once")
     raw.shut()
     return f"picture {took * 1e3:.0f} ms after it was seen again"
 
 
-@row(patient=True, most_s=60, memory_kib=65536)
+@row(patient=True, memory_kib=65536)
 async def E71_a_laptop_that_sleeps(stage):
     """Reads nothing and closes nothing; pings stay unanswered."""
     raw = await stage.client()
     raw.writer.transport.pause_reading()
-    took = await end_of(stage, raw, 45)
+    took = await end_of(stage, raw)
     raw.shut()
     return f"cut after {took:.0f} s"
 
@@ -132,7 +132,7 @@ async def E72_a_viewer_joins_in_mid_chain(stage):
     return "begins at a key picture"
 
 
-@row(memory_kib=65536, most_s=40)
+@row(memory_kib=65536)
 async def E73_a_storm_of_connections(stage):
     """1000 in total, as fast as possible."""
     begun = time.monotonic()
@@ -158,7 +158,7 @@ async def E73_a_storm_of_connections(stage):
     return f"{1000 / took:.0f} a second; answered {ended}"
 
 
-@row(alone=True, most_s=60)
+@row(alone=True)
 async def E74_no_descriptors_left(folder):
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (64, before[1]))  # inherited; restored for ourselves
@@ -169,29 +169,28 @@ async def E74_no_descriptors_left(folder):
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
     try:
         async with Viewer(server) as viewer:
-            await viewer.sees(2, 30)
+            await viewer.sees(2)
             idle = server.processor_s()
-            await asyncio.sleep(1)
+            await viewer.sees(8)
             idle, crowd = server.processor_s() - idle, []
             for _ in range(100):
                 with contextlib.suppress(OSError, Failed):
                     raw = await Raw.open(server.port)
                     raw.send(raw.handshake())
                     crowd.append(raw)
-            await asyncio.sleep(1)
+            await viewer.sees(4)
             check(server.alive(), "it died")
             held = server.descriptors()
-            await viewer.sees(2)
             processor = server.processor_s()
-            await asyncio.sleep(1)
+            await viewer.sees(8)
             busy = server.processor_s() - processor
-            check(busy < idle + 0.4, f"{busy * 100:.0f} % of a processor for connections that cannot be accepted")
+            check(busy < 2 * idle + 0.4, f"{busy} s of processor time for 8 pictures beside connections that cannot be accepted, {idle} before")
             check(not viewer.parted, f"the honest viewer was closed with {viewer.parted}")
             for raw in crowd:
                 with contextlib.suppress(OSError):  # most had to make room
                     raw.reset()
             begun = time.monotonic()
-            async with Deadline(15):
+            async with Deadline():
                 while True:
                     with contextlib.suppress(OSError, Failed):
                         raw = await Raw.open(server.port)
@@ -200,15 +199,15 @@ async def E74_no_descriptors_left(folder):
                         raw.shut()
                     await asyncio.sleep(0.1)
             raw.shut()
-            return f"{held} descriptors; {busy * 100:.0f} % of a processor meanwhile, {idle * 100:.0f} % before; back {time.monotonic() - begun:.1f} s later"
+            return f"{held} descriptors; {busy:.2f} s of a processor for 8 pictures meanwhile, {idle:.2f} s before; back {time.monotonic() - begun:.1f} s later"
     finally:
         check(await server.stop() == 0, "exit code")
 
 
-@row(alone=True, most_s=60)
+@row(alone=True)
 async def E75_all_connections_taken(folder):
     async with Relightd("--max-connections", "64", source="sky:size=128x64,speed=60") as server, Viewer(server) as viewer:
-        await viewer.sees(2, 30)
+        await viewer.sees(2)
         crowd, full = [], None
         for i in range(80):
             raw = await Raw.open(server.port)
@@ -228,7 +227,7 @@ async def E75_all_connections_taken(folder):
         held = len(crowd)
         for raw in crowd:
             raw.reset()
-        async with Deadline(10):
+        async with Deadline():
             while True:
                 raw = await Raw.open(server.port)
                 if await raw.upgrade() == 101:
@@ -242,11 +241,11 @@ async def E75_all_connections_taken(folder):
         return f"connection {held + 2} was told {full}; room again when they had gone"
 
 
-@row(alone=True, most_s=60)
+@row(alone=True)
 async def E76_all_viewers_leave_and_come_back(folder):
     async with Relightd("--rate", "30", "--size", "320x180", source="sky:size=128x64,speed=60") as server:
         async with Viewer(server) as viewer:
-            await viewer.sees(20, 30)
+            await viewer.sees(20)
             begun = server.processor_s()
             await asyncio.sleep(2)
             watched = (server.processor_s() - begun) / 2
@@ -264,7 +263,7 @@ async def E76_all_viewers_leave_and_come_back(folder):
 
 @row(memory_kib=16384)
 async def E77_the_producer_vanishes_and_returns(stage):
-    async with Deadline(10):
+    async with Deadline():
         for _ in range(5):
             await stage.producer.back()
             stage.producer.link.transport.abort()
@@ -273,14 +272,14 @@ async def E77_the_producer_vanishes_and_returns(stage):
     await stage.producer.back()
     last = stage.viewer.frames[-1]
     begun = time.monotonic()
-    async with Deadline(10):
+    async with Deadline():
         while not stage.viewer.frames or stage.viewer.frames[-1] <= last:
             await asyncio.sleep(0.01)
     took = time.monotonic() - begun
     return f"the next picture {took * 1e3:.0f} ms after it was welcomed"
 
 
-@row(alone=True, most_s=90)
+@row(alone=True)
 async def E78_all_come_back_after_a_restart(folder):
     server = Relightd(source="sky:size=128x64,speed=60")
     await server.start()
@@ -288,13 +287,13 @@ async def E78_all_come_back_after_a_restart(folder):
     try:
         async with contextlib.AsyncExitStack() as stack:
             viewers = [await stack.enter_async_context(Viewer(server)) for _ in range(20)]
-            await asyncio.gather(*(v.sees(2, 30) for v in viewers))
+            await asyncio.gather(*(v.sees(2) for v in viewers))
             await server.stop(signal.SIGKILL)
             server.arguments[server.arguments.index("--port") + 1] = str(port)
             begun = time.monotonic()
             await server.start()
             started = time.monotonic() - begun
-            await asyncio.gather(*(v.sees(1, 30) for v in viewers))
+            await asyncio.gather(*(v.sees(1) for v in viewers))
             took = time.monotonic() - begun
     finally:
         await server.stop()
@@ -329,14 +328,14 @@ async def E79_a_relay_between(stage):
     return "pictures come, also after it broke"
 
 
-@row(alone=True, most_s=40)
+@row(alone=True)
 async def E80_ipv6(folder):
     if not os.path.exists("/proc/net/if_inet6"):
         skip("this machine has no IPv6")
     async with Relightd("--bind", "::1", source="sky:size=128x64,speed=60") as server:
         server.url = f"ws://[::1]:{server.port}/ws"
         async with Viewer(server) as viewer:
-            await viewer.sees(3, 30)
+            await viewer.sees(3)
         raw = await Raw.open(server.port, host="::1")
         check(await raw.upgrade(Host=f"[::1]:{server.port}") == 101, "no handshake")
         raw.shut()

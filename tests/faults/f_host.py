@@ -9,14 +9,14 @@ import signal
 import subprocess
 import time
 
-from faults import BIN, BINARY, KEPT, TEXT, Failed, Raw, Relightd, Viewer, check, environment, frame, hello, main, row, say
-from faults import preloaded, skip
+from faults import BIN, BINARY, KEPT, TEXT, WAIT_S, Failed, Raw, Relightd, Viewer, check, environment, frame, hello, main, row, say
+from faults import preloaded, skip, until
 from peer import run
 
 SKY = "sky:size=128x64,speed=60"
 
 
-@row(alone=True, most_s=120)
+@row(alone=True)
 async def F82_no_thread_can_be_had(folder):
     """Each of the first threads fails in turn: the server reports it and exits with 1, or continues without. The first
     ten or so are those by which it finds out whether all can be had. Embree's TBB aborts if one of its own fails after
@@ -27,27 +27,23 @@ async def F82_no_thread_can_be_had(folder):
         try:
             await server.start()
         except Failed as fault:
-            code = await asyncio.wait_for(server.process.wait(), 10)
+            code = await asyncio.wait_for(server.process.wait(), WAIT_S)
             check(code == 1 or (code == -6 and ("Embree" in str(fault) or "tbb" in str(fault))), f"thread {n}: ended with {code}: {fault}")
             said["ends with a reason"] = said.get("ends with a reason", 0) + 1
             continue
         try:
-            code = None
             async with Viewer(server) as viewer:
-                try:
-                    await viewer.sees(2, 10)
-                    said["serves"] = said.get("serves", 0) + 1
-                except Failed:
-                    code = server.process.returncode
-                    check(code == 1, f"thread {n}: neither pictures nor an end: {code} {''.join(server.lines)}")
-                    said["ends with a reason"] = said.get("ends with a reason", 0) + 1
+                await until(lambda: viewer.pictures >= 2 or not server.alive(),
+                            f"thread {n}: neither pictures nor an end: {''.join(server.lines)}")
+                what = "serves" if server.alive() else "ends with a reason"
+                said[what] = said.get(what, 0) + 1
         finally:
             ended = await server.stop()
         check(ended in (0, 1), f"thread {n}: ended with {ended}: {''.join(server.lines)}")
     return f"of 24: {said}"
 
 
-@row(alone=True, most_s=40)
+@row(alone=True)
 async def F84_folders_that_cannot_be_written(folder):
     (folder / "file").write_text("x", encoding="ascii")
     async with Relightd(source=SKY) as server:
@@ -56,22 +52,21 @@ async def F84_folders_that_cannot_be_written(folder):
         check(program.code in (1, 2, 3), f"ended with {program.code}: {program.err}")
     async with Relightd("--method", "cached", source=SKY, env={"XDG_CACHE_HOME": str(folder / "file")}) as server:
         async with Viewer(server) as viewer:
-            await viewer.sees(5, 30)
+            await viewer.sees(5)
     return f"relight-record ends with {program.code}; relightd goes on without its cache's file"
 
 
-@row(alone=True, most_s=40)
+@row(alone=True)
 async def F85_no_video_encoder(folder):
     async with Relightd(source=SKY, env=preloaded(FAIL_CODEC=1)) as server, Viewer(server) as viewer:
-        await viewer.sees(2, 30)
+        await viewer.sees(2)
         raw = await Raw.open(server.port)
         await raw.upgrade()
         raw.send(hello())
         formats = (await raw.until("welcome"))["formats"]
         raw.send(say(op="subscribe", format="h264"))
-        end = time.monotonic() + 3
-        while time.monotonic() < end and raw.binary == 0:
-            await raw.receive()
+        for _ in range(6):  # statuses: until then there would be a picture
+            await raw.until("status")
         await raw.pong()
         raw.send(say(op="subscribe", format="jpeg"))
         while raw.binary < 2:
@@ -82,7 +77,7 @@ async def F85_no_video_encoder(folder):
         return f"offered: {', '.join(formats)}; {len(server.lines)} lines in the log; JPEG goes on for all"
 
 
-@row(alone=True, most_s=40)
+@row(alone=True)
 async def F86_no_embree_device(folder):
     server = Relightd(source=SKY, env=preloaded(FAIL_EMBREE=1))
     try:
@@ -95,7 +90,7 @@ async def F86_no_embree_device(folder):
     raise Failed("it serves without a device")
 
 
-@row(alone=True, most_s=90)
+@row(alone=True)
 async def F88_signals_at_random_times(folder):
     draw, ends = random.Random(88), []
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGTERM, signal.SIGINT):
@@ -107,7 +102,7 @@ async def F88_signals_at_random_times(folder):
         ends.append(time.monotonic() - begun)
         check(code == 0, f"{number}: ended with {code}: {''.join(server.lines)}")
     async with Relightd(source=SKY) as server, Viewer(server) as viewer:
-        await viewer.sees(2, 30)
+        await viewer.sees(2)
         for _ in range(20):
             for number in (signal.SIGPIPE, signal.SIGWINCH, signal.SIGCONT, signal.SIGCHLD):
                 server.process.send_signal(number)
@@ -119,18 +114,18 @@ async def F88_signals_at_random_times(folder):
         await viewer.sees(5)
         check(not viewer.parted, f"closed with {viewer.parted}")
         server.process.send_signal(signal.SIGTERM)
-        await asyncio.sleep(2)
+        await until(lambda: viewer.parted)
         check(viewer.parted[:1] == [1001], f"told {viewer.parted}")
     return f"TERM and INT end it with 0 after {max(ends):.1f} s at most, viewers are told 1001; PIPE and a STOP of 1 s cost nothing"
 
 
-@row(alone=True, most_s=60)
+@row(alone=True)
 async def F89_the_clock_steps(folder):
     """An hour forward and back while a viewer watches: pictures and texts continue, no connection is closed."""
     step = folder / "ahead"
     step.write_text("0", encoding="ascii")
     async with Relightd(source=SKY, env=preloaded(CLOCK_FILE=step)) as server, Viewer(server) as viewer:
-        await viewer.sees(5, 30)
+        await viewer.sees(5)
         raw = await Raw.open(server.port)
         await raw.upgrade()
         raw.send(hello() + say(op="subscribe", format="jpeg", max_rate=50))
@@ -147,7 +142,7 @@ async def F89_the_clock_steps(folder):
         return f"longest wait for a picture {max(gaps) * 1e3:.0f} ms"
 
 
-@row(alone=True, most_s=40)
+@row(alone=True)
 async def F90_a_locale_of_decimal_commas(folder):
     made = subprocess.run(["localedef", "-i", "de_DE", "-f", "UTF-8", str(folder / "de_DE.UTF-8")], capture_output=True,
                           check=False)
@@ -155,7 +150,7 @@ async def F90_a_locale_of_decimal_commas(folder):
         skip(f"no locale can be made: {made.stderr.decode()[:80]}")
     env = {"LOCPATH": str(folder), "LC_ALL": "de_DE.UTF-8", "LANG": "de_DE.UTF-8"}
     async with Relightd("--scale", "-0.5", "--rotate", "12.5", source=SKY, env=env) as server, Viewer(server) as viewer:
-        await viewer.sees(5, 30)
+        await viewer.sees(5)
         raw = await Raw.open(server.port)
         await raw.upgrade()
         raw.send(hello("controller"))
@@ -172,12 +167,12 @@ async def F90_a_locale_of_decimal_commas(folder):
     return "numbers stay as they were"
 
 
-@row(alone=True, most_s=90)
+@row(alone=True)
 async def F92_connections_that_come_and_go(folder):
     """2000 of every kind here, 10^5 in the long run (RELIGHT_CYCLES)."""
     count = int(os.environ.get("RELIGHT_CYCLES", "2000"))
     async with Relightd("--rate", "10", source=SKY) as server, Viewer(server) as viewer:
-        await viewer.sees(2, 30)
+        await viewer.sees(2)
 
         async def cycle(i):
             try:
@@ -206,10 +201,7 @@ async def F92_connections_that_come_and_go(folder):
         descriptors, memory, begun = server.descriptors(), server.memory_kib(), time.monotonic()
         await some(count)
         took = time.monotonic() - begun
-        end = time.monotonic() + 10
-        while server.descriptors() > descriptors and time.monotonic() < end:
-            await asyncio.sleep(0.05)
-        check(server.descriptors() <= descriptors, f"{server.descriptors()} descriptors, {descriptors} before")
+        await until(lambda: server.descriptors() <= descriptors, f"{server.descriptors()} descriptors, {descriptors} before")
         grown = server.memory_kib() - memory
         # A busy machine may use a further sky's memory (5 MB) for the first time; that is no leak.
         check(grown < KEPT * (12288 + count // 10), f"{grown} KiB more memory")
@@ -218,7 +210,7 @@ async def F92_connections_that_come_and_go(folder):
         return f"{count} connections, {count / took:.0f} a second: {grown:+d} KiB, no descriptor more"
 
 
-@row(alone=True, most_s=60)
+@row(alone=True)
 async def F95_what_cannot_be_begun_with(folder):
     """One line, an exit code, and no picture."""
     (folder / "bad.json").write_text("{", encoding="ascii")
@@ -236,10 +228,10 @@ async def F95_what_cannot_be_begun_with(folder):
     return f"{len(cases)} cases: exit code 1 or 2 and a reason"
 
 
-@row(alone=True, most_s=40)
+@row(alone=True)
 async def F96_two_servers_on_one_port(folder):
     async with Relightd(source=SKY) as server, Viewer(server) as viewer:
-        await viewer.sees(2, 30)
+        await viewer.sees(2)
         program = await run("relightd", "--size", "16x9", "--port", server.port)
         check(program.code == 1 and "in use" in program.err, f"{program.code}: {program.err}")
         await viewer.sees(2)
@@ -247,7 +239,7 @@ async def F96_two_servers_on_one_port(folder):
     return "the second ends with 1, the first goes on"
 
 
-@row(alone=True, most_s=60)
+@row(alone=True)
 async def F98_starved_of_processors(folder):
     """On one processor shared with three busy programs: pictures arrive, and texts are answered meanwhile."""
     core = str(min(os.sched_getaffinity(0)))
@@ -255,7 +247,7 @@ async def F98_starved_of_processors(folder):
     try:
         async with Relightd("--size", "320x180", "--method", "auto", before=("taskset", "-c", core), source=SKY) as server:
             async with Viewer(server) as viewer:
-                await viewer.sees(3, 40)
+                await viewer.sees(3)
                 raw = await Raw.open(server.port)
                 await raw.upgrade()
                 raw.send(hello())
@@ -267,7 +259,7 @@ async def F98_starved_of_processors(folder):
                     waits.append(time.monotonic() - begun)
                     await asyncio.sleep(0.03)
                 raw.shut()
-                await viewer.sees(2, 30)
+                await viewer.sees(2)
                 check(not viewer.parted, f"closed with {viewer.parted}")
                 waits.sort()
                 return f"a word is answered after {waits[15] * 1e3:.0f} ms (median), {waits[-1] * 1e3:.0f} ms at most"
@@ -277,7 +269,7 @@ async def F98_starved_of_processors(folder):
             burner.wait()
 
 
-@row(alone=True, most_s=60)
+@row(alone=True)
 async def F100_other_minor_versions(folder):
     """An older client omits fields that it does not know; a newer one sends fields that we do not know."""
     async with Relightd(source="push:") as server, Viewer(server) as viewer:

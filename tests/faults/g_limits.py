@@ -6,7 +6,7 @@ import os
 import resource
 import time
 
-from faults import (BIN, CLOSE, PING, PONG, SANITIZED, WAIT_S, Deadline, Failed, Raw, Relightd, Viewer, check, frame, hello,
+from faults import (BIN, CLOSE, PING, PONG, SANITIZED, Deadline, Failed, Raw, Relightd, Viewer, check, frame, hello,
                     main, preloaded, row, say, skip)
 from peer import PICTURE, run
 
@@ -33,9 +33,9 @@ class Controller:
         self.requests, self.unseen = 0, None
         return self
 
-    async def hear(self, most_s=WAIT_S):
+    async def hear(self):
         """Receives one message. A picture is acknowledged and kept until it is asked for: no other may follow it."""
-        kind, payload = await self.raw.receive(most_s)
+        kind, payload = await self.raw.receive()
         check(kind not in (None, CLOSE), f"the connection ended: {payload[:120]}")
         if kind == PING:  # no picture for ten seconds: the machine is busy
             self.raw.send(frame(PONG, payload))
@@ -54,15 +54,15 @@ class Controller:
             if said.get("op") in ("control", "error") and said.get("request") == self.requests:
                 return said if said["op"] == "error" else None
 
-    async def picture(self, most_s=WAIT_S):
+    async def picture(self):
         """The header of the next one."""
         while not self.unseen:
-            await self.hear(most_s)
+            await self.hear()
         fields, self.unseen = self.unseen, None
         return fields
 
 
-@row(alone=True, most_s=120)
+@row(alone=True)
 async def G120_numbers_beyond_the_protocols(folder):
     """Of frames, by seek, step, file name and --frames; of capture times, by a file's modification time."""
     async with Relightd("--rate", "50", source="sky:size=128x64,speed=1") as server:
@@ -91,7 +91,7 @@ async def G120_numbers_beyond_the_protocols(folder):
     return "sent as they may be, or refused at the start"
 
 
-@row(alone=True, most_s=120)
+@row(alone=True)
 async def G121_the_clock_leaps_by_centuries(folder):
     """Far beyond what a message can hold, into the future and the past."""
     step = folder / "ahead"
@@ -110,7 +110,7 @@ async def G121_the_clock_leaps_by_centuries(folder):
     return "times stay within 2^53 microseconds"
 
 
-@row(alone=True, most_s=60)
+@row(alone=True)
 async def G122_unreadable_files_before_a_good_one(folder):
     for i in range(20):
         (folder / f"bad{i:02}.hdr").write_bytes(b"#?RADIANCE\nnothing")
@@ -121,7 +121,7 @@ async def G122_unreadable_files_before_a_good_one(folder):
             (folder / f"bad{i:02}.hdr").write_bytes(b"#?RADIANCE\nnothing")
         begun = time.monotonic()
         sky(folder / "good.part").rename(folder / "good.hdr")
-        await viewer.sees(1, 8)
+        await viewer.sees(1)
         took = time.monotonic() - begun
     return f"20 are reported, and the good file is shown after {took:.1f} s"
 
@@ -129,7 +129,7 @@ async def G122_unreadable_files_before_a_good_one(folder):
 LONGEST = 1 << 20  # samples: minutes, even for 64x36 pixels
 
 
-@row(alone=True, most_s=200)
+@row(alone=True)
 async def G125_a_setting_that_takes_minutes(folder):
     """Refused with the estimate; pictures continue. What became of it earlier: no picture for minutes."""
     async with Relightd("--rate", "50", source="sky:size=128x64,speed=1") as server, Viewer(server) as viewer:
@@ -141,16 +141,16 @@ async def G125_a_setting_that_takes_minutes(folder):
             refusal = await controller.ask(**wish)
             check(refusal and refusal["clause"] == clause and "limit of 10 s" in refusal["message"], f"{wish}: {refusal}")
             said.append(refusal["message"])
-            await viewer.sees(2, WAIT_S)
+            await viewer.sees(2)
         check(await controller.ask(samples=8) is None, "a harmless setting is refused")
         check(await controller.ask(fps=0.01, samples=None, method="auto") is None, "auto keeps to the limit by itself")
         check(await controller.ask(fps=50) is None, "not corrected")
-        await viewer.sees(2, WAIT_S)
+        await viewer.sees(2)
         controller.raw.shut()
         return f"refused: {said[0]}"
 
 
-@row(alone=True, most_s=200)
+@row(alone=True)
 async def G126_a_setting_is_corrected_meanwhile(folder):
     """A picture of minutes is cancelled by the next setting, and pictures come although new
     settings never end."""
@@ -164,10 +164,9 @@ async def G126_a_setting_is_corrected_meanwhile(folder):
             await asyncio.sleep(1)
             begun = time.monotonic()
             controller.raw.send(say(op="control", request=100 + i, samples=5 + i))
-            while (await controller.picture())[15] != 5 + i:
-                pass
+            while (samples := (await controller.picture())[15]) != 5 + i:
+                check(samples != 8000, "the picture of minutes was finished")
             waits.append(time.monotonic() - begun)
-        check(max(waits) < 10, f"waits of {waits}")
         controller.raw.shut()
     async with Relightd(*large, "--max-picture-seconds", "600", source="sky:size=128x64,speed=1") as server, Viewer(server) as viewer:
         controller = await Controller.come(server)
@@ -180,7 +179,7 @@ async def G126_a_setting_is_corrected_meanwhile(folder):
     return f"a correction is seen after {max(waits):.2f} s at most; 3 pictures in {took:.1f} s of endless changes"
 
 
-@row(alone=True, most_s=120)
+@row(alone=True)
 async def G127_a_picture_beyond_the_limit(folder):
     """By the command line, which is not limited: logged, counted and shown."""
     async with Relightd("--max-picture-seconds", "0.5", "--samples", "100000", source="sky:size=128x64,speed=1") as server:
@@ -194,7 +193,7 @@ async def G127_a_picture_beyond_the_limit(folder):
     return f"reported after {late:.1f} s"
 
 
-@row(alone=True, most_s=200)
+@row(alone=True)
 async def G128_a_state_without_a_picture(folder):
     flags = ("--rate", "50", "--state", str(folder))
     kept = folder / "state.json"
@@ -235,7 +234,7 @@ async def limited(kind, value, source, uid):
         "--cache-file", "off", stderr=asyncio.subprocess.PIPE, preexec_fn=limit, env={**env, "HOME": "/nonexistent"})
     said = b""
     try:
-        async with Deadline(60):
+        async with Deadline():
             while line := await process.stderr.readline():
                 said += line
                 if b"listening on" in line:
@@ -248,7 +247,7 @@ async def limited(kind, value, source, uid):
         raise Failed(f"with {value} it neither serves nor ends: {said.decode(errors='replace')}") from None
 
 
-@row(alone=True, most_s=900)
+@row(alone=True)
 async def G129_no_threads_memory_or_descriptors(folder):
     """Fourteen values of each limit, forty with RELIGHT_LONG: the program serves and ends with 0, or ends with a code and a reason. The dynamic
     linker's own failures are such ends, too."""

@@ -36,29 +36,29 @@ def helper(server, name):
 
 
 async def renewed(server, name, old):
-    async with Deadline(30):
+    async with Deadline():
         while helper(server, name) in (None, old):
             await asyncio.sleep(0.05)
 
 
-@row(alone=True, most_s=60)
+@row(alone=True)
 async def G171_video_processes_are_killed(folder):
     path = clip(folder / "clip.mp4")
     async with Relightd(source=str(path)) as server, Viewer(server) as viewer:
-        await viewer.sees(3, 30)
+        await viewer.sees(3)
         for name in ("relight-video", "relight-demux"):
             for number in (signal.SIGKILL, signal.SIGSEGV):
                 old = helper(server, name)
                 check(old, f"no process {name}")
                 os.kill(old, number)
                 await renewed(server, name, old)
-                await viewer.sees(5, 30)
+                await viewer.sees(5)
         left = [name for name in ("relight-demux", "relight-video") if not helper(server, name)]
         check(not left, f"not started again: {left}")
     return "relight-video and relight-demux killed twice each: the video goes on"
 
 
-@row(alone=True, most_s=60)
+@row(alone=True)
 async def G172_video_with_damage_everywhere(folder):
     """Every 700th byte or so is another; played again and again."""
     path = clip(folder / "clip.ts")
@@ -68,9 +68,9 @@ async def G172_video_with_damage_everywhere(folder):
         data[at + dice.randrange(600)] = dice.randrange(256) if at + 600 < len(data) else 0
     path.write_bytes(data)
     async with Relightd(source=str(path)) as server, Viewer(server) as viewer:
-        await viewer.sees(60, 40)
+        await viewer.sees(60)
         before = server.memory_kib()
-        await viewer.sees(200, 40)
+        await viewer.sees(200)
         grown = server.memory_kib() - before
         check(grown < 8192, f"memory grows by {grown} KiB")
     return f"{len(data) // 700} damaged places: pictures go on; +{max(grown, 0)} KiB"

@@ -23,7 +23,7 @@ no_sanitizer_of_addresses_speaks() {
 an_hour_of_random_clients_finds_nothing() {
     sanitized addresses -DRELIGHT_SANITIZE=ON -DCMAKE_C_FLAGS_DEBUG="-O1 -g1"
     cmake --build "$build/addresses" --target relightd relight-decoder >"$work/log" || { tail -n 40 "$work/log"; fail "it does not build"; }
-    RELIGHT_BIN=$build/addresses/bin RELIGHT_SLOWER=6 RELIGHT_SANITIZED=1 python3 -B "$here/../model/model.py" --seconds 3600
+    RELIGHT_BIN=$build/addresses/bin RELIGHT_SANITIZED=1 python3 -B "$here/../model/model.py" --seconds 3600
 }
 
 no_race_is_found_under_load() {
@@ -37,7 +37,7 @@ no_race_is_found_under_load() {
     [ -n "$archer" ] || { echo "skipped: libomp-14-dev has no Archer here"; exit 77; }
     export OMP_TOOL_LIBRARIES=$archer ARCHER_OPTIONS=verbose=0
     export TSAN_OPTIONS="ignore_noninstrumented_modules=1 suppressions=$here/tsan.supp log_path=$work/race exitcode=0"
-    export RELIGHT_BIN=$build/threads/bin RELIGHT_SLOWER=10 RELIGHT_SANITIZED=1
+    export RELIGHT_BIN=$build/threads/bin RELIGHT_SANITIZED=1
     "$build/threads/bin/load" || fail "fifty viewers"
     local suite
     for suite in a_handshake b_frames c_protocol d_images e_clients; do
@@ -52,7 +52,7 @@ a_million_frames_leave_memory_as_it_was() {
 }
 
 a_hundred_thousand_connections_come_and_go() {
-    RELIGHT_CYCLES=${RELIGHT_CYCLES:-100000} RELIGHT_SLOWER=100 \
+    RELIGHT_CYCLES=${RELIGHT_CYCLES:-100000} \
         /usr/bin/python3 -B "$here/f_host.py" F92_connections_that_come_and_go
 }
 

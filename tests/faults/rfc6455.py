@@ -44,16 +44,16 @@ async def case(server, name, data, wanted, pieces=None):
         else:
             raw.send(data)
         if wanted == "answer":
-            await raw.until("pong", 10)
+            await raw.until("pong")
         elif isinstance(wanted, bytes):
             while True:
-                kind, payload = await raw.receive(10)
+                kind, payload = await raw.receive()
                 check(kind is not None and kind != CLOSE, "closed before its pong")
                 if kind == PONG:
                     check(payload == wanted, f"a pong of {payload[:40]}")
                     break
         else:
-            code = await raw.closed(15)
+            code = await raw.closed()
             check(code in wanted, f"closed with {code} instead of {wanted}")
         return None
     except Failed as fault:

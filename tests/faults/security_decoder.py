@@ -10,7 +10,7 @@ import struct
 import websockets
 
 from faults import SANITIZED, Relightd, check, skip
-from peer import BIN, main, radiance
+from peer import BIN, WAIT_S, main, radiance
 
 MISBEHAVING = BIN / "misbehaving_decoder"
 HEADER = struct.Struct("<4sHBBBBHIIIQqQ")
@@ -27,7 +27,7 @@ class Party:
 
     @classmethod
     async def come(cls, url, **hello):
-        party = cls(await websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None))
+        party = cls(await websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None, ping_interval=None, max_queue=None))
         await party.say(op="hello", version={"major": 1, "minor": 1}, **hello)
         await party.until(lambda: "welcome" in party.said)
         return party
@@ -35,7 +35,7 @@ class Party:
     async def say(self, **fields):
         await self.link.send(json.dumps(fields))
 
-    async def until(self, what, most_s=60):
+    async def until(self, what):
         async def hear():
             while not what():
                 message = await self.link.recv()
@@ -52,7 +52,7 @@ class Party:
                     self.credit += said["frames"]
                 elif said["op"] == "welcome":
                     self.credit += said.get("producer", {}).get("credit", 0)
-        await asyncio.wait_for(hear(), most_s)
+        await asyncio.wait_for(hear(), WAIT_S)
 
     async def send(self, number, payload):
         """The frame's fate, which precedes that of any later frame."""

@@ -26,13 +26,14 @@ sys.path[:0] = [str(HERE), str(HERE.parent / "faults"), str(HERE.parent / "integ
 if "--url" in sys.argv:
     os.environ.setdefault("RELIGHT_BIN", "/nonexistent")  # peer.py asks for it
 
-from faults import SANITIZED, SLOW, Failed, Producer, Relightd, Viewer, connect  # noqa: E402
+from faults import SANITIZED, Failed, Producer, Relightd, Viewer, connect  # noqa: E402
+from peer import WAIT_S, until  # noqa: E402
 from peer import sky_files  # noqa: E402
 from client import Client, Finding  # noqa: E402
 from protocol import ENVIRONMENT, ENVIRONMENT_NAMES, ENVIRONMENT_STRUCT  # noqa: E402
 from script import write  # noqa: E402
 
-WAIT_S = 30 * SLOW
+AGAIN_S = 5  # for an answer that has been missed before
 SHORT_S = 0.2  # for what may not come
 BATCH = 48  # runs between two looks at the server
 KIB_MOST = (256 if SANITIZED else 64) << 10  # memory that views, caches and skies of random settings may take after the first batches
@@ -223,9 +224,9 @@ class Stage:
             await self.reset()
             if self.producing:
                 async with Producer(self):
-                    await self.viewer.sees(1, 60)
+                    await self.viewer.sees(1)
             else:
-                await self.viewer.sees(1, 60)
+                await self.viewer.sees(1)
         except Failed as fault:
             raise Finding("the honest viewer gets no picture", f"{fault}; {self.ended()}") from None
         except OSError as fault:
@@ -236,15 +237,14 @@ class Stage:
             raise Finding("the server ended", self.ended())
         if not self.server:
             return
-        end = time.monotonic() + 10 * SLOW
         if first:
             await asyncio.sleep(0.3)
             self.descriptors, self.files = self.server.descriptors(), self.server.open_files()
-        while self.server.descriptors() > self.descriptors and time.monotonic() < end:
-            await asyncio.sleep(0.02)
-        left = self.server.descriptors()
-        if left > self.descriptors:
-            raise Finding("descriptors do not return", f"{left}, at the start {self.descriptors}: {self.server.open_files()}, {self.files}")
+        try:
+            await until(lambda: self.server.descriptors() <= self.descriptors)
+        except Failed:
+            left = self.server.descriptors()
+            raise Finding("descriptors do not return", f"{left}, at the start {self.descriptors}: {self.server.open_files()}, {self.files}") from None
         kib = self.server.memory_kib()
         if self.batches == 12:
             self.kib = kib
@@ -319,7 +319,7 @@ async def shorten(stage, steps, finding, totals, look):
             await stage.reset()
             if look and stage.server:  # what has not returned before is no sign
                 stage.descriptors, stage.kib = stage.server.descriptors(), None
-            got = await finding_of(stage, candidate, totals, WAIT_S / 6)
+            got = await finding_of(stage, candidate, totals, AGAIN_S)
             if not got and look:
                 try:
                     await stage.look()
