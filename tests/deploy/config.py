@@ -178,7 +178,7 @@ async def tokens_come_from_files_of_their_own(folder):
 async def status_of(daemon, token, what):
     """Waits for a status for which `what` holds."""
     async with websockets.connect("ws" + daemon.url + "ws", subprotocols=["relight.v1"], compression=None,
-                                  max_size=None) as link:
+                                  max_size=None, ping_interval=None, max_queue=None) as link:
         await link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1, "minor": 1},
                                     "token": token}))
         async def hear():

@@ -15,7 +15,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "integration"))
 from live import free_port  # noqa: E402
-from peer import BIN, check, main  # noqa: E402
+from peer import BIN, WAIT_S, check, main  # noqa: E402
 from still import Daemon  # noqa: E402
 
 ROOT = Path(__file__).parent.parent.parent
@@ -77,7 +77,7 @@ async def a_container_without_configuration_prints_links_with_tokens(folder):
         def code(token):
             ask = urllib.request.Request(f"http://localhost:{port[1]}/snapshot.jpg", headers={"Authorization": f"Bearer {token}"})
             try:
-                return urllib.request.urlopen(ask, timeout=60).status
+                return urllib.request.urlopen(ask, timeout=WAIT_S).status
             except urllib.error.HTTPError as error:
                 return error.code
         while (answer := code(links[-1]["viewer"])) == 503:  # no image yet
@@ -85,12 +85,12 @@ async def a_container_without_configuration_prints_links_with_tokens(folder):
         check(answer == 200, f"the printed token is refused: {answer}")
         check(code("another") in (401, 403), "any token is good")
         daemon.terminate()
-        daemon.communicate(timeout=60)
+        daemon.communicate(timeout=WAIT_S)
         check(daemon.returncode == 0, f"the signal does not reach it: {daemon.returncode}")
     check(links[0] == links[1], "a restart makes new tokens")
     check(all(path.stat().st_mode & 0o077 == 0 for path in state.iterdir()), "others may read the tokens")
     (folder / "none").write_text('{ "port": "x" }\n')
-    done = subprocess.run([DEPLOY / "container.sh"], env=env, capture_output=True, text=True, timeout=60)
+    done = subprocess.run([DEPLOY / "container.sh"], env=env, capture_output=True, text=True, timeout=WAIT_S)
     check(done.returncode == 2 and "none:1: port" in done.stderr, f"the configuration is not read: {done.stderr}")
 
 

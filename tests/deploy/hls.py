@@ -157,7 +157,7 @@ async def rtmp_in_is_hls_out(folder):
         check("#EXT-X-PROGRAM-DATE-TIME" in text and "#EXT-X-MAP:URI=\"live.mp4\"" in text, text)
         first = re.findall(r"live-\d+\.m4s", text)
         probed = subprocess.run([find("ffprobe"), "-loglevel", "error", "-tls_verify", "0", "-show_entries", "stream=codec_name,width,height",
-                                 "-of", "csv=p=0", f"https://127.0.0.1:{site.port}/hls/live.m3u8"], capture_output=True, text=True, timeout=60)
+                                 "-of", "csv=p=0", f"https://127.0.0.1:{site.port}/hls/live.m3u8"], capture_output=True, text=True, timeout=WAIT_S)
         check("h264,160,90" in probed.stdout, probed.stdout + probed.stderr)
         sender.terminate()
         sender.wait()

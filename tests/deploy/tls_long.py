@@ -32,7 +32,7 @@ async def connect(proxy, receive=None, origin=None):
     s.connect(("127.0.0.1", proxy.port))
     return await websockets.connect(
         f"wss://{NAME}:{proxy.port}/ws", sock=s, ssl=proxy.trust(), server_hostname=NAME, subprotocols=["relight.v1"],
-        origin=origin or f"https://{NAME}:{proxy.port}", compression=None, max_size=None, max_queue=1, read_limit=4096)
+        origin=origin or f"https://{NAME}:{proxy.port}", compression=None, max_size=None, ping_interval=None, max_queue=1, read_limit=4096)
 
 
 class Viewer:

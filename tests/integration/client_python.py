@@ -11,7 +11,7 @@ import sys
 import zlib
 from pathlib import Path
 
-from peer import Server, check, main, radiance, skip
+from peer import WAIT_S, Server, check, main, radiance, skip
 from still import Daemon
 from tls import certificate
 
@@ -245,7 +245,7 @@ def snippets(page):
 
 async def examples_of_the_documentation_run(folder):
     def run(*arguments):
-        done = subprocess.run(["/usr/bin/python3", "-B", *arguments], cwd=folder, capture_output=True, text=True, timeout=100,
+        done = subprocess.run(["/usr/bin/python3", "-B", *arguments], cwd=folder, capture_output=True, text=True, timeout=WAIT_S,
                               env={**os.environ, "PYTHONPATH": str(SOURCE / "clients/python")}, check=False)
         check(done.returncode == 0, f"{arguments}: {done.stderr}")
         return done.stdout

@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 from http_pictures import first, get
-from peer import BIN, check, main
+from peer import BIN, WAIT_S, check, main
 from still import Daemon
 
 WIDTH, HEIGHT, PATCHES = 96, 54, 146
@@ -44,7 +44,7 @@ async def a_server_without_its_components_does_not_start(folder):
                                    (["--parts", str(folder / "%03d.hdr")], "000.hdr is missing or not readable", 1),
                                    ([], "--method components needs --parts, such as --parts 'parts/%03d.hdr'", 2)):
         done = subprocess.run([str(BIN / "relightd"), "--port", "0", "--size", f"{WIDTH}x{HEIGHT}", "--method", "components", *arguments],
-                              capture_output=True, text=True, timeout=60, check=False)
+                              capture_output=True, text=True, timeout=WAIT_S, check=False)
         check(done.returncode == code and words in done.stderr, f"{done.returncode}: {done.stderr}")
 
 

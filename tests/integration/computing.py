@@ -15,7 +15,7 @@ async def shares_and_pictures(url):
     """The reported shares until the last one, and the number of images in between."""
     shares, pictures = [], 0
 
-    async with websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None) as link:
+    async with websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None, ping_interval=None, max_queue=None) as link:
         await link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1, "minor": 0}}))
         await link.send(json.dumps({"op": "subscribe", "format": "jpeg", "request": 1}))
         while True:

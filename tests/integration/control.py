@@ -22,6 +22,7 @@ class Party:
         self.last = {}
         self.gains = []
         self.captures = []
+        self.views = []  # of each status: the camera, and the one whose view is being prepared
         self.requests = 0
 
     @classmethod
@@ -47,6 +48,8 @@ class Party:
                 else:
                     said = json.loads(message)
                     self.last[said["op"]] = said
+                    if said["op"] == "status":
+                        self.views.append((said["camera"], (said["preparing"] or {}).get("camera")))
         await asyncio.wait_for(hear(), WAIT_S)
 
     async def ask(self, **wish):

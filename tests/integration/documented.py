@@ -14,7 +14,7 @@ import stat
 import subprocess
 from pathlib import Path
 
-from peer import BIN, check, main
+from peer import BIN, WAIT_S, check, main
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = ("relightd", "relight-render", "relight-feed", "relight-record", "relight-diff", "relight-chart", "relight-bench")
@@ -236,7 +236,7 @@ async def a_wrong_flag_would_be_seen(folder):
     clone = folder / "clone"
     furnish(clone)
     env = dict(os.environ, PATH=f"{clone}/build/bin:{os.environ['PATH']}", RELIGHT_BIN=str(BIN), PORT="1", SERVE="")
-    done = subprocess.run(["bash", "-c", script], cwd=clone, env=env, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(["bash", "-c", script], cwd=clone, env=env, capture_output=True, text=True, timeout=WAIT_S, check=False)
     check(done.returncode == 2 and "--sample" in done.stderr, f"{done.returncode}: {done.stderr}")
 
 

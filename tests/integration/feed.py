@@ -9,7 +9,7 @@ import subprocess
 from pathlib import Path
 
 from live import box, ffmpeg, spherical
-from peer import Failed, Frame, Program, Server, check, expect, main, radiance, run, sky_files
+from peer import WAIT_S, Failed, Frame, Program, Server, check, expect, main, radiance, run, sky_files, until
 
 
 async def feed(server, *arguments):
@@ -469,9 +469,12 @@ async def a_killed_feeder_goes_on_where_it_was(folder):
     dice = random.Random(3)
     async with Server(state.script) as server:
         arguments = ("--to", server.url, "--lockstep", "--sequence", "day-1", "--json", pattern)
-        for _ in range(10):
+        for life in range(10):  # killed as it starts, and as it sends
             program = await Program("relight-feed", *arguments).start()
-            await asyncio.sleep(dice.uniform(0.005, 0.06))
+            before = len(state.accepted)
+            if life % 2:
+                await until(lambda: len(state.accepted) > before)
+            await asyncio.sleep(dice.uniform(0, 0.01))
             await program.kill()
         program = await run("relight-feed", *arguments)
         expect(program, 0)
@@ -552,10 +555,12 @@ async def lost_pictures_of_a_watched_folder_are_an_error(folder):
 
     async with Server(first, second) as server:
         program = await Program("relight-feed", "--to", server.url, "--lockstep", f"watch:{folder}").start()
-        await asyncio.wait_for(again.wait(), 60)
-        await asyncio.sleep(0.5)
+        await asyncio.wait_for(again.wait(), WAIT_S)
+        said = b""
+        while b"images may be missing" not in said:
+            said += await asyncio.wait_for(program.process.stderr.readline(), WAIT_S)
         await program.kill(signal.SIGINT)
-        expect(program, 1, "images may be missing")
+        expect(program, 1)
 
 
 async def end_waits_for_the_last_picture_to_be_stored(folder):
@@ -592,7 +597,7 @@ async def an_interrupt_is_a_clean_end(folder):
         async with Server(script) as server:
             server.first = asyncio.Event()
             program = await Program("relight-feed", "--to", server.url, "--json", f"watch:{folder}").start()
-            await asyncio.wait_for(server.first.wait(), 30)
+            await asyncio.wait_for(server.first.wait(), WAIT_S)
             await program.kill(number)
             expect(program, 0)
             check(program.summary()["end"] == "interrupted", program.out)
@@ -613,7 +618,7 @@ async def an_interrupted_lockstep_is_not_complete(folder):
     async with Server(script) as server:
         server.first = asyncio.Event()
         program = await Program("relight-feed", "--to", server.url, "--lockstep", sky_files(folder, 3)).start()
-        await asyncio.wait_for(server.first.wait(), 30)
+        await asyncio.wait_for(server.first.wait(), WAIT_S)
         await program.kill(signal.SIGINT)
         expect(program, 1)
     check(heard == [1000], f"{heard}")
@@ -638,7 +643,7 @@ async def a_watched_folder_is_played_as_it_fills(folder):
             await asyncio.sleep(0.1)
             (folder / ".new").write_bytes(radiance(i + 1))
             (folder / ".new").rename(folder / f"{i}.hdr")
-            await asyncio.wait_for(server.came.acquire(), 30)
+            await asyncio.wait_for(server.came.acquire(), WAIT_S)
         await program.kill(signal.SIGINT)
         expect(program, 0)
     check(got == [radiance(1), radiance(2), radiance(3)], "not the files in the order they came")

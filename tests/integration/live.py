@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 from control import Party
-from peer import check, expect, main, run, skip
+from peer import check, expect, main, run, skip, until
 from still import Daemon
 from tls import certificate
 
@@ -164,9 +164,7 @@ async def rtsp_of_gstreamer_is_a_source(folder):
 async def live_playlist_is_a_source(folder):
     path = clip(folder)
     async with endless(path, "-f", "hls", "-hls_time", "1", "-hls_list_size", "3", folder / "live.m3u8"):
-        until = time.monotonic() + 60
-        while not (folder / "live.m3u8").exists() and time.monotonic() < until:
-            await asyncio.sleep(0.1)
+        await until((folder / "live.m3u8").exists)
         with Web(folder) as web:
             async with Daemon("--source", web.url + "/live.m3u8", *SMALL) as daemon:
                 party = await Party.come(daemon.url, "viewer")
@@ -222,9 +220,8 @@ async def camera_that_is_missing_is_named(folder):
     del folder
     async with Daemon("--source", "v4l2:/dev/video99", *SMALL) as daemon:
         party = await Party.come(daemon.url, "viewer")
-        await party.until(lambda: "trying again" in source(party)["detail"])
-        detail = source(party)["detail"]
-        check(detail.startswith("v4l2:/dev/video99: cannot be opened: Cannot open video device /dev/video99: No such file"), f"viewers are told: {detail}")
+        said = "v4l2:/dev/video99: cannot be opened: Cannot open video device /dev/video99: No such file"
+        await party.until(lambda: source(party)["detail"].startswith(said) and "trying again" in source(party)["detail"])
 
 
 async def certificates_of_sources_are_verified(folder):

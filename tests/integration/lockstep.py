@@ -7,9 +7,10 @@ import os
 import random
 import re
 import signal
+import urllib.request
 from pathlib import Path
 
-from peer import WAIT_S, Program, check, expect, main, run, skip
+from peer import WAIT_S, Program, check, expect, main, run, skip, until
 
 RENDER = ("--size", "64x36", "--samples", "4", "--method", "mis", "--seed", "5", "--paths", "all")
 SKY = "sky:size=128x64,speed=40,hour=5"
@@ -211,15 +212,16 @@ async def a_restarted_server_gets_all_again(folder):
 
 
 async def live_frames_give_pictures_with_their_numbers(folder):
-    """A slow producer, so that every frame is rendered; the recorder gets the capture times."""
+    """The last frame is rendered, whatever is superseded before it; the recorder gets the capture times."""
     (folder / "sky").mkdir()
     source = varied_skies(folder / "sky", 8)
     async with Relightd("--fps", "100") as server:
         recorder = await Program("relight-record", "--from", server.url, "--json", "--out", folder / "%d.jpg").start()
-        await asyncio.sleep(0.3)
+        await until(lambda: b'relightd_connections{role="viewer"} 1\n' in urllib.request.urlopen(
+            server.url.replace("ws", "http", 1) + "/metrics", timeout=WAIT_S).read())
         feeder = await run("relight-feed", "--to", server.url, "--rate", "4", "--json", source)
         expect(feeder, 0)
-        await asyncio.sleep(0.5)
+        await until((folder / "7.jpg").exists)
         await recorder.kill(signal.SIGINT)
         expect(recorder, 0)
     check(feeder.summary()["used"] + feeder.summary()["superseded"] == 8, feeder.out)

@@ -127,8 +127,9 @@ async def a_controller_may_ask_for_all_that_is_offered(folder):
     panoramic = None
     for sky, more in (("sky:size=64x32", ["--scene", str(EXAMPLES / "ring.json")]), (str(map_for("hcross", folder)), ["--layout", "hcross"]),
                       (str(map_for("fisheye", folder)), ["--layout", "fisheye", "--scene", str(EXAMPLES / "ring.json"), "--ground"])):
-        async with Daemon("--source", sky, "--size", "32x18", "--samples", "1", "--cache-dir", "off", "--fps", "100", *more) as daemon:
-            tried = await asyncio.wait_for(try_all(daemon, sky), 300)
+        async with Daemon("--source", sky, "--size", "32x18", "--samples", "1", "--cache-dir", "off", "--fps", "100",
+                          "--max-picture-seconds", "86400", *more) as daemon:
+            tried = await try_all(daemon, sky)
         panoramic = panoramic or set(tried)
         check("mis" in tried and "cached" in tried and len(tried) > 12, f"{sky}: {tried}")
         check(sky.startswith("sky:") or panoramic - set(tried) == {"latlong", "latlong-rows"}, f"{sky}: {tried}")

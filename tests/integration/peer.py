@@ -26,7 +26,7 @@ BIN = Path(os.environ["RELIGHT_BIN"])
 os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp()
 atexit.register(shutil.rmtree, os.environ["XDG_CACHE_HOME"], ignore_errors=True)
 
-WAIT_S = 120  # maximum wait for a required event; machines may be slow
+WAIT_S = 600  # ends a test that waits for what never comes; no test passes or fails by how long something takes
 
 
 class Failed(Exception):
@@ -44,6 +44,22 @@ def skip(why):
 def check(what, message):
     if not what:
         raise Failed(message)
+
+
+async def until(holds, message="it never came"):
+    """Waits until holds(), which may be a coroutine; returns its value."""
+    async def ask():
+        while True:
+            got = holds()
+            if asyncio.iscoroutine(got):
+                got = await got
+            if got:
+                return got
+            await asyncio.sleep(0.02)
+    try:
+        return await asyncio.wait_for(ask(), WAIT_S)
+    except asyncio.TimeoutError:
+        raise Failed(message) from None
 
 
 # ---- Messages ----

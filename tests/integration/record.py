@@ -12,7 +12,7 @@ import re
 import resource
 import signal
 
-from peer import Program, Server, check, expect, main, picture, run
+from peer import WAIT_S, Program, Server, check, expect, main, picture, run
 
 LAST, REPEAT, LOCKSTEP = 1, 2, 4
 
@@ -465,7 +465,7 @@ async def an_interrupt_is_a_clean_end(folder):
             server.first = asyncio.Event()
             program = await Program("relight-record", "--from", server.url, "--out", folder / "%d.exr", "--json",
                                     *arguments).start()
-            await asyncio.wait_for(server.first.wait(), 30)
+            await asyncio.wait_for(server.first.wait(), WAIT_S)
             await program.kill(number)
             expect(program, code)
         check(program.summary()["end"] == "interrupted" and program.summary()["stored"] == 1, program.out)

@@ -14,7 +14,7 @@ async def picture_sizes(url, wishes):
     """Width, height and flags of the first picture of each subscription, and the JPEG's own size."""
     found = []
 
-    async with websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None) as link:
+    async with websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None, ping_interval=None, max_queue=None) as link:
         await link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1, "minor": 0}}))
         for request, wish in enumerate(wishes, 1):
             await link.send(json.dumps({"op": "subscribe", "format": "jpeg", "request": request, **wish}))

@@ -84,7 +84,7 @@ async def watching(link):
 
 
 def connect(url):
-    return websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None)
+    return websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None, ping_interval=None, max_queue=None)
 
 
 async def converges(daemon, error):

@@ -118,7 +118,7 @@ async def the_page_and_the_stream_come_by_tls(folder):
         size = int(large.lower().split(b"content-length: ")[1].split(b"\r\n")[0])
         check(len(large.split(b"\r\n\r\n", 1)[1]) == size, "a file came in part")
         async with websockets.connect(f"wss://localhost:{port}/ws", ssl=context, origin=f"https://localhost:{port}",
-                                      subprotocols=["relight.v1"], compression=None, max_size=None) as link:
+                                      subprotocols=["relight.v1"], compression=None, max_size=None, ping_interval=None, max_queue=None) as link:
             await link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1, "minor": 1}}))
             await link.send(json.dumps({"op": "subscribe", "format": "exr_float"}))
             pictures = 0
@@ -162,7 +162,7 @@ async def a_renewed_certificate_is_shown_to_those_who_come(folder):
         serials = [text_of(cert, "-serial")]
         check(shown(port) == serials[0], "another certificate than its own")
         async with websockets.connect(f"wss://localhost:{port}/ws", ssl=trust(cert), subprotocols=["relight.v1"],
-                                      origin=f"https://localhost:{port}", compression=None, max_size=None) as link:
+                                      origin=f"https://localhost:{port}", compression=None, max_size=None, ping_interval=None, max_queue=None) as link:
             await link.send(json.dumps({"op": "hello", "role": "viewer", "version": {"major": 1, "minor": 1}}))
             for kind in (CURVE, ("rsa:2048",), CURVE):
                 certificate(folder, "good", kind)

@@ -47,7 +47,7 @@ def holds_none(text, what):
 async def hello(url, heard, **fields):
     """The server's answers to this hello within a second go into `heard`; returns the close code, or None if still
     open."""
-    link = await websockets.connect(url.replace("http", "ws", 1) + "ws", subprotocols=["relight.v1"], max_size=None)
+    link = await websockets.connect(url.replace("http", "ws", 1) + "ws", subprotocols=["relight.v1"], max_size=None, ping_interval=None, max_queue=None)
     await link.send(json.dumps({"op": "hello", "version": {"major": 1, "minor": 1}, **fields}))
 
     async def listen():

@@ -8,7 +8,7 @@ import re
 import time
 import urllib.request
 
-from peer import PICTURE, WAIT_S, check, main
+from peer import PICTURE, WAIT_S, check, main, until
 from still import Daemon, connect
 
 RATE = 20
@@ -18,7 +18,7 @@ SKY = ("--source", "sky:speed=1,size=128x64", "--rate", str(RATE), "--samples", 
 def counted(daemon, name):
     url = daemon.url.replace("ws://", "http://").removesuffix("ws") + "metrics"
     text = urllib.request.urlopen(url, timeout=WAIT_S).read().decode()
-    return float(re.search(rf"^{name} (\S+)$", text, re.M)[1])
+    return float(re.search(rf"^{re.escape(name)} (\S+)$", text, re.M)[1])
 
 
 def received(daemon):
@@ -27,11 +27,9 @@ def received(daemon):
 
 async def made(daemon, more):
     """Waits until there are so many more; returns their number."""
-    want, end = received(daemon) + more, time.monotonic() + WAIT_S
-    while (count := received(daemon)) < want:
-        check(time.monotonic() < end, "no frame is made")
-        await asyncio.sleep(0.02)
-    return count
+    want = received(daemon) + more
+    await until(lambda: received(daemon) >= want, "no frame is made")
+    return received(daemon)
 
 
 async def come(link):
@@ -49,59 +47,57 @@ async def picture(link):
             return fields[5]
 
 
-async def unwatched(daemon):
-    """Waits until it runs at the slower pace."""
-    await made(daemon, 2)
-    return received(daemon), time.monotonic()
+async def steps(daemon, count):
+    """Frames, as numbers, that the sky goes on for each of so many that are made."""
+    await made(daemon, 2)  # it runs at the slower pace
+    first, before = counted(daemon, "relightd_frame_number"), received(daemon)
+    await made(daemon, count)
+    most = received(daemon) - before
+    return (counted(daemon, "relightd_frame_number") - first) / most
 
 
 async def a_sky_that_nobody_sees_is_made_once_a_second(folder):
+    """The numbers of frames tell the time between them: RATE a second."""
     async with Daemon(*SKY) as daemon:
-        before, begun = await unwatched(daemon)
-        await asyncio.sleep(4)
-        count, passed = received(daemon) - before, time.monotonic() - begun
-        check(2 <= count <= passed + 2, f"{count} frames in {passed:.1f} s without anybody")
+        step = await steps(daemon, 4)
+        check(step > 0.6 * RATE, f"a frame each {step / RATE:.2f} s without anybody")
         async with connect(daemon.url) as link:
             await come(link)
-            first, begun = await picture(link), time.monotonic()
-            while await picture(link) < first + 2 * RATE:
-                pass
-            check(received(daemon) - before - count > 10, "no more are made when somebody is there")
-            passed = time.monotonic() - begun
+            last = await picture(link)
+            while (number := await picture(link)) - last not in range(1, RATE // 2):  # no more until then on a busy machine
+                last = number
             await link.send(json.dumps({"op": "subscribe", "format": "jpeg", "request": 2, "paused": True}))
-            await asyncio.sleep(0.5)
-            before, begun = await unwatched(daemon)
-            await asyncio.sleep(2)
-            check(received(daemon) - before <= time.monotonic() - begun + 2, "who does not look has it made all the same")
+            await made(daemon, 2)  # which it had begun
+            step = await steps(daemon, 3)
+            check(step > 0.6 * RATE, f"who does not look has it made each {step / RATE:.2f} s all the same")
 
 
 async def its_time_goes_on_meanwhile(folder):
-    """At the given rate, except for the second between two checks."""
+    """At the given rate, though few frames are made."""
     async with Daemon(*SKY) as daemon:
-        await unwatched(daemon)
-        first, begun = counted(daemon, "relightd_frame_number"), time.monotonic()
-        await asyncio.sleep(6)
-        went = counted(daemon, "relightd_frame_number") - first
-        due = RATE * (time.monotonic() - begun)
-        check(due - 2.5 * RATE <= went <= due + 1.5 * RATE, f"{went} frames on, and not {due:.0f}")
+        await made(daemon, 2)
+        begun, first, before = time.monotonic(), counted(daemon, "relightd_frame_number"), received(daemon)
+        await until(lambda: counted(daemon, "relightd_frame_number") >= first + 6 * RATE)
+        went, count, most = counted(daemon, "relightd_frame_number") - first, received(daemon) - before, RATE * (time.monotonic() - begun)
+        check(went <= most + 1.5 * RATE, f"{went} frames on in a time of {most:.0f}")
+        check(count <= went / (0.6 * RATE) + 2, f"{count} frames were made for {went}")
 
 
 async def whoever_comes_sees_the_present_at_once(folder):
-    """A viewer comes just after a frame was made, when the next would be a second later."""
+    """A viewer comes after a frame was made, when the next would be a second later: one is made before. On a busy machine that
+    second may pass before its connection is there: then the next one tries."""
     async with Daemon(*SKY) as daemon:
-        waits = []
-        for _ in range(5):
-            await asyncio.sleep(1.5)  # it has noticed that there is no viewer
-            await made(daemon, 1)
+        for tries in range(1, 1000):
+            await made(daemon, 2)  # it has noticed that there is no viewer
+            last = counted(daemon, "relightd_frame_number")
             async with connect(daemon.url) as link:
-                begun = time.monotonic()
                 await come(link)
-                frames = set()  # up to three: the last encoded one, the current one, and the next
-                while len(frames) < 4:
-                    frames.add(await picture(link))
-                waits.append(time.monotonic() - begun)
-        print(f"a new frame after {', '.join(f'{w * 1e3:.0f}' for w in waits)} ms")
-        check(sorted(waits)[2] < 0.7, f"a new frame after {waits} s")
+                while (number := await picture(link)) <= last:
+                    pass
+            if number <= last + RATE // 2:
+                print(f"{number - last} frames later at try {tries}")
+                return
+        check(False, "never sooner than without it")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import urllib.request
 import websockets
 
 from control import Party
-from peer import BIN, FRAME, WAIT_S, Failed, check, main, radiance, run, skip
+from peer import BIN, FRAME, WAIT_S, check, main, radiance, run, skip, until
 from still import Daemon, connect
 
 try:
@@ -117,23 +117,28 @@ def value(values, name, **labels):
     return values[key]
 
 
-async def until_value(daemon, wanted, name, **labels):
-    for _ in range(10 * WAIT_S):
+async def until_value(daemon, wanted, name, exactly=True, **labels):
+    async def reached():
         is_now = value(await metrics(daemon), name, **labels)
-        if is_now >= wanted:
-            break
-        await asyncio.sleep(0.1)
-    check(is_now == wanted, f"{name}{labels} is {is_now}, not {wanted}")
+        check(is_now <= wanted or not exactly, f"{name}{labels} is {is_now}, not {wanted}")
+        return is_now >= wanted
+    await until(reached)
 
 
 async def until_ready(daemon):
-    for _ in range(10 * WAIT_S):
+    async def ready():
         status, text = await ask(daemon, "/readyz")
-        if status == 200:
-            return
-        check(status == 503, f"/readyz says {status}: {text}")
-        await asyncio.sleep(0.1)
-    raise Failed("it is not ready")
+        check(status in (200, 503), f"/readyz says {status}: {text}")
+        return status == 200
+    await until(ready)
+
+
+async def until_kept(path, **wanted):
+    """Waits until the settings are on the disk; returns the whole."""
+    def kept():
+        said = json.loads(path.read_text()) if path.exists() else {}
+        return said.items() >= wanted.items() and said
+    return await until(kept)
 
 
 async def metrics_read_as_prometheus_reads_them(folder):
@@ -146,7 +151,10 @@ async def metrics_read_as_prometheus_reads_them(folder):
             read = {(s.name, tuple(sorted(s.labels.items()))): s.value
                     for family in text_string_to_metric_families(text) for s in family.samples}
             check(read == before, f"read in two ways: {set(read.items()) ^ set(before.items())}")
-        await asyncio.sleep(1.5)
+        shaded = {"name": "relightd_frames_total", "fate": "shaded", "reason": ""}
+        async def more():
+            return value(await metrics(daemon), **shaded) > value(before, **shaded)
+        await until(more)
         after = await metrics(daemon)
         gone = set(before) - set(after)
         # An image states its error, or an upper bound, or neither.
@@ -154,8 +162,6 @@ async def metrics_read_as_prometheus_reads_them(folder):
         for key in before:
             if key[0].endswith(("_total", "_bucket", "_count", "_sum")):
                 check(after[key] >= before[key], f"{key} has fallen from {before[key]} to {after[key]}")
-        check(value(after, "relightd_frames_total", fate="shaded", reason="")
-              > value(before, "relightd_frames_total", fate="shaded", reason=""), "no frame was counted")
         check(value(after, "relightd_rays_total", part="direct") > 0, "no ray was counted")
         check((await ask(daemon, "/healthz"))[0] == 200, "it is not healthy")
 
@@ -166,14 +172,13 @@ async def frames_are_counted_by_their_fate(folder):
     async with Daemon("--source", str(folder / "sky.%d.hdr"), "--once", *FEW, "--rate", "5") as daemon:
         await until_value(daemon, 6, "relightd_frames_received_total")
         await until_value(daemon, 1, "relightd_frames_total", fate="refused", reason="unreadable")
-        for _ in range(100):
+        async def all_have_one():
             now = await metrics(daemon)
             shaded = value(now, "relightd_frames_total", fate="shaded", reason="")
             dropped = value(now, "relightd_frames_total", fate="dropped", reason="superseded")
-            if shaded + dropped == 5:
-                break
-            await asyncio.sleep(0.1)
-        check(shaded + dropped == 5, f"{shaded} shaded and {dropped} dropped of 5")
+            check(shaded + dropped <= 5, f"{shaded} shaded and {dropped} dropped of 5")
+            return shaded + dropped == 5 and (now, shaded)
+        now, shaded = await until(all_have_one)
         check(value(now, "relightd_stage_seconds_count", stage="decode") == shaded, "times of other frames")
 
 
@@ -199,11 +204,7 @@ async def settings_come_back_after_kill_9(folder):
         check(await one.ask(**wish) is None, "it was not done")
         await one.until(lambda: one.last["control"]["tone"] == "reinhard")
         before = in_force(one)
-        for _ in range(100):
-            if (state / "state.json").exists():
-                break
-            await asyncio.sleep(0.1)
-        await asyncio.sleep(0.5)
+        await until_kept(state / "state.json", tone="reinhard")
         await killed(daemon)
     check([name.name for name in state.iterdir()] == ["state.json"], "more than the file is there")
     kept = json.loads((state / "state.json").read_text())
@@ -223,12 +224,7 @@ async def a_state_that_is_none_is_refused(folder):
     async with Daemon("--state", str(folder), *FEW) as daemon:
         one = await Party.come(daemon.url, "controller")
         await one.ask(tone="linear")
-        for _ in range(100):
-            if (folder / "state.json").exists():
-                break
-            await asyncio.sleep(0.1)
-    good = json.loads((folder / "state.json").read_text())
-    check(good["tone"] == "linear", good)
+        good = await until_kept(folder / "state.json", tone="linear")
     text = json.dumps(good)
     for broken in (text[:-20].encode(), text.replace('"state": 1', '"state": 7').encode(),
                    json.dumps({**good, "camera": "nowhere"}).encode(), b"[" * 100000):
@@ -323,8 +319,7 @@ async def a_terminal_has_a_line_of_status_and_a_pipe_has_none(folder):
     os.close(ours)
     check(b"images/s, 0 viewers" in said, f"no status: {said}")
     async with Daemon(*FEW) as daemon:
-        await until_ready(daemon)
-        await asyncio.sleep(1)
+        await until_value(daemon, 3, "relightd_frames_received_total", exactly=False)
         daemon.process.terminate()
         said = (await daemon.process.stderr.read()).decode()
         check("images/s" not in said and "\x1b" not in said, f"a pipe has a status: {said}")
@@ -351,16 +346,13 @@ async def watch_until_parted(url, stuck):
 
 
 async def everybody_is_told_when_it_ends(folder):
-    """Forty viewers, one stuck in the middle of a large picture, while it renders at full speed."""
+    """Forty viewers, one stuck in the middle of a large picture, for whom it does not wait for ever, while it renders at full
+    speed."""
     async with Daemon("--size", "640x360", "--samples", "64", "--source", "sky:size=128x64,speed=60") as daemon:
         await until_ready(daemon)
         stuck = await watch_until_parted(daemon.url, True)
         viewers = [asyncio.ensure_future(watch_until_parted(daemon.url, False)) for _ in range(39)]
-        for _ in range(10 * WAIT_S):
-            if value(await metrics(daemon), "relightd_connections", role="viewer") == 40:
-                break
-            await asyncio.sleep(0.1)
-        await asyncio.sleep(1)
+        await until_value(daemon, 40, "relightd_connections", role="viewer")
         begun = time.monotonic()
         daemon.process.send_signal(signal.SIGTERM)
         codes = await asyncio.wait_for(asyncio.gather(*viewers), WAIT_S)
@@ -369,19 +361,18 @@ async def everybody_is_told_when_it_ends(folder):
         stuck.transport.abort()
     print(f"gone {took:.2f} s after SIGTERM")
     check(code == 0 and set(codes) == {1001}, f"exit code {code}, close codes {codes}")
-    check(took < 8, f"it took {took:.1f} s")  # five, plus the delay of a busy machine
 
 
 async def a_signal_while_a_scene_is_prepared_is_obeyed(folder):
-    """Work that cannot be interrupted is abandoned: shutdown takes at most five seconds."""
+    """Work that cannot be interrupted is abandoned."""
     process = await asyncio.create_subprocess_exec(str(BIN / "relightd"), "--port", "0", "--size", "4096x4096",
                                                    "--edge-rays", "16", stderr=asyncio.subprocess.PIPE)
-    await asyncio.sleep(1)
-    begun = time.monotonic()
+    handled = 1 << (signal.SIGTERM - 1)
+    with open(f"/proc/{process.pid}/status", encoding="ascii") as file:
+        await until(lambda: file.seek(0) or int(re.search(r"SigCgt:\s+(\w+)", file.read())[1], 16) & handled)
     process.send_signal(signal.SIGTERM)
     said = (await asyncio.wait_for(process.stderr.read(), WAIT_S)).decode()
     check(await process.wait() == 0 and "stopped" in said, f"{process.returncode}: {said}")
-    check(time.monotonic() - begun < 10, f"it took {time.monotonic() - begun:.1f} s")
 
 
 # ---- The producer goes; the disk is full ----
@@ -430,11 +421,13 @@ async def a_disk_that_is_full_leaves_nothing_half(folder):
             (disk / "filler").write_bytes(b"x" * free)
             one = await Party.come(daemon.url, "controller")
             check(await one.ask(tone="linear") is None, "it does not obey")
-            await asyncio.sleep(1)
+            said = ""
+            while "state.json" not in said:
+                said += (await asyncio.wait_for(daemon.process.stderr.readline(), WAIT_S)).decode()
             check((await ask(daemon, "/healthz"))[0] == 200, "it is not healthy")
             daemon.process.terminate()
-            said = (await daemon.process.stderr.read()).decode()
-            check("state.json" in said and "No space left on device" in said, f"the full disk is not named: {said}")
+            said += (await daemon.process.stderr.read()).decode()
+            check( "No space left on device" in said, f"the full disk is not named: {said}")
             check(not list((disk / "state").iterdir()), f"half a state: {list((disk / 'state').iterdir())}")
     finally:
         unmount = await asyncio.create_subprocess_exec("umount", str(disk))

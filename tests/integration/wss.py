@@ -8,7 +8,7 @@ import re
 import signal
 import ssl
 
-from peer import Frame, Program, Server, check, expect, main, picture, run, skip, sky_files
+from peer import WAIT_S, Frame, Program, Server, check, expect, main, picture, run, skip, sky_files
 from still import Daemon
 from tls import certificate, expired, port_of
 
@@ -156,7 +156,7 @@ async def a_large_picture_comes_down_whole_in_fragments(folder):
             for i, part in enumerate(parts):
                 yield part
                 if i % 50 == 0:
-                    await asyncio.wait_for(await link.socket.ping(), 30)
+                    await asyncio.wait_for(await link.socket.ping(), WAIT_S)
 
         await link.socket.send(pinged())
         check((await link.read())["op"] == "ack", "it is not acknowledged")
@@ -181,11 +181,11 @@ async def it_comes_back_when_a_trusted_server_is_put_right(folder):
 
     async with Server(cut, tls=served(cert, key)) as server:
         program = await Program("relight-feed", "--to", server.url, "--ca", cert, "--lockstep", pattern).start()
-        await asyncio.wait_for(broken.wait(), 30)
+        await asyncio.wait_for(broken.wait(), WAIT_S)
     async with Server(uses_all, tls=served(bad, bad_key), port=server.port):
         said = ""
         while not re.search(r"is not trusted.*; trying again in ten seconds", said):
-            line = (await asyncio.wait_for(program.process.stderr.readline(), 30)).decode()
+            line = (await asyncio.wait_for(program.process.stderr.readline(), WAIT_S)).decode()
             check(line, f"it ended: {said}")
             said += line
     async with Server(uses_all, tls=served(cert, key), port=server.port):
@@ -204,7 +204,7 @@ async def an_interrupt_closes_cleanly(folder):
 
     async with Server(script, tls=served(cert, key)) as server:
         program = await Program("relight-record", "--from", server.url, "--ca", cert, "--out", folder / "%d.jpg").start()
-        await asyncio.wait_for(welcomed.wait(), 30)
+        await asyncio.wait_for(welcomed.wait(), WAIT_S)
         expect(await program.kill(signal.SIGINT), 0)
     check(codes == [1000], f"closed with {codes}")
 

@@ -56,12 +56,12 @@ static void no_more_than_two_pictures_are_under_way(void **state)
     struct server_counters counters;
 
     client_watch(&c, s);
-    for (int i = 1; i <= 10; i++) {
-        publish(s, (uint64_t)i, 500);
-        sleep_ms(20);
+    for (uint64_t i = 1; i <= 2; i++) {
+        publish(s, i, 500);
+        assert_int_equal(client_picture(&c, &h, CLIENT_WAIT_MS), i);
     }
-    assert_int_equal(client_picture(&c, &h, CLIENT_WAIT_MS), 1);
-    assert_int_equal(client_picture(&c, &h, CLIENT_WAIT_MS), 2);
+    for (uint64_t i = 3; i <= 10; i++)
+        publish(s, i, 500);
     assert_int_equal(client_picture(&c, &h, 700), 0); /* statuses only */
     client_ack(&c, 2);
     assert_int_equal(client_picture(&c, &h, CLIENT_WAIT_MS), 10); /* the newest, and the last is never lost */
