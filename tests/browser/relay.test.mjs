@@ -98,6 +98,7 @@ test('over a long slow connection H.264 arrives in an unbroken chain of small pi
 for (const query of ['', '?coding=jpeg']) {
   test(`a line that hangs for a while goes on at the newest picture${query ? ', in JPEG' : ''}`, () =>
     withRelay(['--h264'], { bytesPerSecond: 1e7, delayMs: 10 }, query, async (page, relay, server) => {
+      await page.waitForFunction(() => window.drawn.length >= 2);
       relay.freeze();
       await untilSentence(page, /^Nothing received from the server for \d+ s/);
       const { last, from } = await page.evaluate(() => ({ last: window.drawn.length, from: window.drawn.at(-1).frame }));

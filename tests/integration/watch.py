@@ -346,9 +346,8 @@ async def watch_until_parted(url, stuck):
 
 
 async def everybody_is_told_when_it_ends(folder):
-    """Forty viewers, one stuck in the middle of a large picture, for whom it does not wait for ever, while it renders at full
-    speed."""
-    async with Daemon("--size", "640x360", "--samples", "64", "--source", "sky:size=128x64,speed=60") as daemon:
+    """Forty viewers, one stuck in the middle of a large picture, for whom it does not wait for ever, while it renders."""
+    async with Daemon("--size", "640x360", *FEW, "--method", "mis", "--fps", "10", "--source", "sky:size=128x64,speed=60") as daemon:
         await until_ready(daemon)
         stuck = await watch_until_parted(daemon.url, True)
         viewers = [asyncio.ensure_future(watch_until_parted(daemon.url, False)) for _ in range(39)]
