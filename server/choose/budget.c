@@ -13,8 +13,8 @@ static void spend(const struct budget_part *parts, uint32_t count, double factor
         const struct budget_part *p = &parts[i];
         const double best = p->variance > 0.0 ? factor * sqrt(p->variance / p->unit_s) : p->least;
         const double n = b->n[i] = fmin(p->most, fmax(p->least, best));
-        b->error += p->bias + (n > 0.0 ? p->variance / n : 0.0);
-        b->seconds += p->begin_s + p->unit_s * n;
+        b->error += n > 0.0 ? p->variance / n : 0.0;
+        b->seconds += p->unit_s * n;
     }
 }
 
@@ -44,13 +44,4 @@ void budget_spend(const struct budget_part *parts, uint32_t count, const struct 
         bisect(parts, count, target->error, true, out);
     if (!(target->error > 0.0) || (target->seconds > 0.0 && out->seconds > target->seconds))
         bisect(parts, count, target->seconds, false, out);
-}
-
-bool budget_better(const struct budget *a, const struct budget *b, const struct budget_target *target)
-{
-    if (a->met != b->met)
-        return a->met;
-    const bool of_error = target->error > 0.0;
-    const bool reached = of_error && a->met && fmax(a->error, b->error) <= target->error;
-    return reached || (!of_error && !a->met) ? a->seconds < b->seconds : a->error < b->error;
 }

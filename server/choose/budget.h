@@ -2,10 +2,9 @@
  *
  * The parts' errors are independent, so their relative squared errors add up. A part is made with n units (samples,
  * paths, particles):
- *     error  E = B + V / n            B a bias that no n removes, V the variance of one unit
- *     time   t = a + b n              a once, b per unit
- * with n in least..most. An omitted part has V = a = b = n = 0, and its B is the mean square of the missing light,
- * relative in the same way as the error.
+ *     error  E = V / n                V the variance of one unit
+ *     time   t = b n
+ * with n in least..most. A part that is not there has V = b = n = 0.
  *
  * For a time T the sum of E is minimal when an additional second lowers the error of every part equally [Everett 1963]:
  *     n = k sqrt(V / b), with one k for all parts [Cochran 1977, section 5.5].
@@ -18,10 +17,9 @@
 #define BUDGET_PARTS_MAX 8
 
 struct budget_part {
-    double bias;            /* B >= 0 */
-    double variance;        /* V >= 0 */
-    double begin_s, unit_s; /* a >= 0, b >= 0; b > 0 where V is */
-    double least, most;     /* n; both 0: the part is omitted */
+    double variance;    /* V >= 0 */
+    double unit_s;      /* b >= 0; b > 0 where V is */
+    double least, most; /* n; both 0: the part is not there */
 };
 
 struct budget_target { /* at least one is above 0; with both, the error is lowered within the time only */
@@ -37,6 +35,3 @@ struct budget {
 /* The minimum error within target->seconds, or the minimum time for target->error. count <= BUDGET_PARTS_MAX. */
 void budget_spend(const struct budget_part *parts, uint32_t count, const struct budget_target *target,
                   struct budget *out);
-
-/* True if a meets the target better than b. */
-bool budget_better(const struct budget *a, const struct budget *b, const struct budget_target *target);

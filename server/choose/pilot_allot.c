@@ -117,10 +117,7 @@ uint32_t allot_counts(struct allotment *a, const struct allot_count *mean, const
     for (uint32_t k = 0; k < of->count; k++) {
         const uint32_t i = of->index[k];
         const double real = allot_real(a, mean, factor, i);
-        uint32_t low = mean->step;
-        while (mean->powers && 2.0 * low <= real)
-            low *= 2;
-        a->counts[i] = low * (uint32_t)floor(real / low + fmod(i * GOLDEN, 1.0));
+        a->counts[i] = mean->step * (uint32_t)floor(real / mean->step + fmod(i * GOLDEN, 1.0));
         most = a->counts[i] > most ? a->counts[i] : most;
     }
     return most;

@@ -27,7 +27,6 @@ struct allotment {
 struct allot_count {
     double n;      /* mean over the whole list, at least `step` */
     uint32_t step; /* counts are multiples of it and at least as large: 1 or 2 */
-    bool powers;   /* counts are powers of two: whole nets of samples */
 };
 
 /* Sets shares by the weight of the points in pixels, which apply until there are readings. False when out of memory;

@@ -80,9 +80,8 @@ bool groups_init(struct groups *s, const struct gbuffer *g)
         cut(t, g, TILE_SMALL * interleave);
     s->count = (uint32_t)fmin(fmax(t->count / TILES_A_GROUP, 1), GROUPS_MAX);
     t->group = mem_alloc(t->count, 1);
-    t->mean = mem_alloc(t->count, sizeof(*t->mean));
     uint8_t *seen = mem_alloc(g->packet_count, 1);
-    bool all = t->group && t->mean && seen && fill_group(g, NULL, 0, seen, &s->all);
+    bool all = t->group && seen && fill_group(g, NULL, 0, seen, &s->all);
     if (all)
         deal(t, g, s->count);
     for (uint32_t k = 0; k < s->count && all; k++)
@@ -99,7 +98,6 @@ void groups_finish(struct groups *s)
         mem_free(g->index);
     }
     mem_free(s->tiles.group);
-    mem_free(s->tiles.mean);
     *s = (struct groups){ .count = 0 };
 }
 
@@ -134,8 +132,7 @@ static void spread_line(const float *from, size_t step, uint32_t count, float *t
     }
 }
 
-void yardstick_spread(const float *a, const float *b, bool in_picture, uint32_t width, uint32_t height, float *spare,
-                      float *out)
+void yardstick_spread(const float *a, const float *b, uint32_t width, uint32_t height, float *spare, float *out)
 {
     const size_t row = 3 * (size_t)width;
 
@@ -153,12 +150,12 @@ void yardstick_spread(const float *a, const float *b, bool in_picture, uint32_t 
             spread_line(spare + x, row, height, out + x);
 #pragma omp for schedule(static)
         for (size_t i = 0; i < row * height; i++)
-            out[i] -= in_picture ? 0.5f * (a[i] + b[i]) : 0.0f;
+            out[i] -= 0.5f * (a[i] + b[i]);
     }
 }
 
-/* r^2 + 1e-2 mean(r)^2 of a pixel, where `part` is added to r. */
-static void measure_of(const struct yardstick *y, uint32_t pixel, const double part[3], double out[3])
+/* r^2 + 1e-2 mean(r)^2 of a pixel. */
+static void measure_of(const struct yardstick *y, uint32_t pixel, double out[3])
 {
     const uint32_t px = pixel % y->width, py = pixel / y->width, far = y->noisy;
     double sum[3] = { 0.0 }, weight = 0.0;
@@ -173,7 +170,7 @@ static void measure_of(const struct yardstick *y, uint32_t pixel, const double p
             weight += 1.0;
         }
     for (int c = 0; c < 3; c++) {
-        const double r = sum[c] / fmax(weight, 1.0) + part[c];
+        const double r = sum[c] / fmax(weight, 1.0);
         out[c] = r * r + y->soft;
     }
 }
@@ -191,17 +188,13 @@ static void read_pixel(const struct gbuffer *g, uint32_t pixel, const float *fro
     }
 }
 
-static struct pair pair_of(const double a[3], const double b[3], const double measure[3])
+static double error_of(const double a[3], const double b[3], const double measure[3])
 {
-    struct pair out = { 0.0, 0.0 };
+    double error = 0.0;
 
-    for (int c = 0; c < 3; c++) {
-        if (!(measure[c] > 0.0))
-            continue;
-        out.error += (a[c] - b[c]) * (a[c] - b[c]) / (6.0 * measure[c]);
-        out.energy += a[c] * b[c] / (3.0 * measure[c]);
-    }
-    return out;
+    for (int c = 0; c < 3; c++)
+        error += measure[c] > 0.0 ? (a[c] - b[c]) * (a[c] - b[c]) / (6.0 * measure[c]) : 0.0;
+    return error;
 }
 
 /* A pixel's difference is D = sum w_k d_k over its points. Each point gets w_k d_k D, so that their sum is D^2, whether
@@ -223,66 +216,35 @@ static void add_points(const struct gbuffer *g, uint32_t pixel, const float *a, 
     }
 }
 
-/* Both estimates' mean over the group's pixels of each tile; returns that over all of them. */
-static double tile_means(struct groups *s, const struct group *group, const float *a, const float *b)
+/* The mean of pair_of_points; without g that of pair_of_pictures. */
+static double pair_of_group(const struct gbuffer *g, const struct group *group, const float *a, const float *b,
+                            const struct yardstick *y, float (*error)[PACKET])
 {
-    const struct tiles *t = &s->tiles;
-    double all = 0.0;
+    double noise = 0.0;
 
-    memset(t->mean, 0, t->count * sizeof(*t->mean));
-    for (uint32_t k = 0; k < group->pixel_count; k++) {
-        struct tile_mean *mean = &t->mean[tile_of(s->gbuffer, t, group->pixels[k])];
-        double first[3], second[3];
-        read_pixel(s->gbuffer, group->pixels[k], a, first);
-        read_pixel(s->gbuffer, group->pixels[k], b, second);
-        mean->pixels += 1.0;
-        for (int c = 0; c < 3; c++) {
-            mean->rgb[c] += (0.5 * (first[c] + second[c]) - mean->rgb[c]) / mean->pixels;
-            all += (first[c] + second[c]) / (6.0 * group->pixel_count);
-        }
-    }
-    return all;
-}
-
-/* The means of pair_of_points; without g those of pair_of_pictures. */
-static struct pair pair_of_group(const struct gbuffer *g, const struct tiles *tiles, const struct group *group,
-                                 const float *a, const float *b, const struct yardstick *y, float (*error)[PACKET])
-{
-    static const double none[3] = { 0.0, 0.0, 0.0 };
-    const double pixels = fmax(1.0, group->pixel_count);
-    double noise = 0.0, energy = 0.0;
-
-#pragma omp parallel for schedule(static) reduction(+ : noise, energy)
+#pragma omp parallel for schedule(static) reduction(+ : noise)
     for (uint32_t k = 0; k < group->pixel_count; k++) {
         const uint32_t pixel = group->pixels[k];
         double first[3], second[3], measure[3];
         read_pixel(g, pixel, a, first);
         read_pixel(g, pixel, b, second);
-        measure_of(y, pixel, y->lacks_part && g ? tiles->mean[tile_of(g, tiles, pixel)].rgb : none, measure);
-        const struct pair one = pair_of(first, second, measure);
+        measure_of(y, pixel, measure);
         if (error)
             add_points(g, pixel, a, b, first, second, measure, error);
-        noise += one.error;
-        energy += one.energy;
+        noise += error_of(first, second, measure);
     }
-    return (struct pair){ noise / pixels, energy / pixels };
+    return noise / fmax(1.0, group->pixel_count);
 }
 
-struct pair pair_of_points(struct groups *s, const struct group *group, const float *a, const float *b,
-                           const struct yardstick *y, float (*error)[PACKET])
+double pair_of_points(const struct groups *s, const struct group *group, const float *a, const float *b,
+                      const struct yardstick *y, float (*error)[PACKET])
 {
-    struct yardstick own = *y;
-
-    if (y->lacks_part) {
-        const double mean = 10.0 * sqrt(y->soft) + tile_means(s, group, a, b);
-        own.soft = 1e-2 * mean * mean;
-    }
     for (uint32_t k = 0; error && k < group->list.count; k++)
         memset(error[group->list.index[k]], 0, sizeof(*error));
-    return pair_of_group(s->gbuffer, &s->tiles, group, a, b, &own, error);
+    return pair_of_group(s->gbuffer, group, a, b, y, error);
 }
 
-struct pair pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y)
+double pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y)
 {
-    return pair_of_group(NULL, NULL, group, a, b, y, NULL);
+    return pair_of_group(NULL, group, a, b, y, NULL);
 }

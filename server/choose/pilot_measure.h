@@ -18,14 +18,9 @@ struct group {
     uint64_t points;         /* in those packets, including points of pixels outside the group */
 };
 
-struct tile_mean {
-    double rgb[3], pixels;
-};
-
 struct tiles { /* squares of pixels, row by row; each belongs to one group */
     uint32_t side, across, count;
     uint8_t *group;
-    struct tile_mean *mean; /* scratch */
 };
 
 struct groups {
@@ -44,35 +39,28 @@ void groups_finish(struct groups *s); /* zeroed memory is allowed */
  * the mean over 3 x 3 pixels replaces r, so that an outlier is not divided by itself. All pointers are borrowed. */
 struct yardstick {
     const float *rgb;    /* float[height][width][3] */
-    const float *more;   /* likewise, added: light that the picture lacks or has few particles of; NULL: nothing */
+    const float *more;   /* likewise, added: light that the picture has few particles of; NULL: nothing */
     const uint8_t *mask; /* [height][width]: 0 where there is no shade point */
     uint32_t width, height;
     bool noisy;
-    bool lacks_part; /* the picture lacks the part: adds the mean of both estimates over a tile */
-    double soft;     /* 1e-2 mean(r)^2 */
+    double soft; /* 1e-2 mean(r)^2 */
 };
 
 /* From a picture float[height][width][3] and its mask, both borrowed. */
 void yardstick_init(struct yardstick *y, const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height);
 
-/* Writes the mean of two sparse pictures around each pixel to out, minus the pixel's own mean if the picture contains
- * it already. The mean is over 11 x 11 pixels without the three columns and rows at the pixel, so that the 3 x 3 means
+/* Writes the mean of two sparse pictures around each pixel to out, minus the pixel's own mean, which the picture
+ * contains. The mean is over 11 x 11 pixels without the three columns and rows at the pixel, so that the 3 x 3 means
  * of a noisy picture do not contain it either: a particle where few others are would be divided by itself and seem
  * almost free of noise. All are float[height][width][3], including spare, which is scratch memory. */
-void yardstick_spread(const float *a, const float *b, bool in_picture, uint32_t width, uint32_t height, float *spare,
-                      float *out);
+void yardstick_spread(const float *a, const float *b, uint32_t width, uint32_t height, float *spare, float *out);
 
-/* Means over a group's pixels and channels, relative as relMSE is. */
-struct pair {
-    double error;  /* of each estimate: half of the squared difference */
-    double energy; /* the product: the square of the part itself */
-};
+/* Compares two independent estimates of a part at the shade points, a and b: float[packet_count][3][16]. Returns half
+ * of the squared difference, which is the error of each: a mean over a group's pixels and channels, relative as relMSE
+ * is. Unless NULL, error[packet_count][16] receives each shade point's part of it, summed over the group's pixels, for
+ * the group's packets; it may be negative by chance. */
+double pair_of_points(const struct groups *s, const struct group *group, const float *a, const float *b,
+                      const struct yardstick *y, float (*error)[PACKET]);
 
-/* Compares two independent estimates of a part at the shade points, a and b: float[packet_count][3][16]. Unless NULL,
- * error[packet_count][16] receives each shade point's part of the error, summed over the group's pixels, for the
- * group's packets; it may be negative by chance. */
-struct pair pair_of_points(struct groups *s, const struct group *group, const float *a, const float *b,
-                           const struct yardstick *y, float (*error)[PACKET]);
-
-/* Compares two pictures of a part, float[height][width][3]. */
-struct pair pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y);
+/* Compares two pictures of a part, float[height][width][3], likewise. */
+double pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y);

@@ -1,21 +1,26 @@
-/* METHOD_AUTO with a time or an error: measures time and error of each technique for each part of the picture, and
- * divides the frame's time so that the error is minimal (choose/budget.h). The relighter runs the choice.
+/* METHOD_AUTO with a time or an error: the estimators of the rules (choose/plan.h), with counts by measurement. The
+ * frame's time is divided so that the error is least (choose/budget.h). No part is ever left out.
  *
  * Measurements. The pilot shades a group of pixels, spread over the picture, twice with its own random numbers. Half of
- * the squared difference is the variance of each, relative as relMSE is; the product is the error of omitting the part.
- * Groups take turns, and all techniques are measured on the same groups. The differences within a group show which
- * pixels are difficult. Particles run in two halves, whose mean is the picture and whose difference gives the error.
- * The clock gives the times. The first frame may take 0.3 s longer. Measurements then take three tenths of the time
- * until every technique is known, then a twentieth, and a fiftieth once there are many readings.
+ * the squared difference is the variance of each, relative as relMSE is. Groups take turns. The differences within a
+ * group show which pixels are difficult: they get more samples and eye paths (choose/pilot_allot.h). Particles run in
+ * two halves, whose mean is the picture and whose difference gives the error. The clock times whole pictures.
  *
- * Choices. Direct light: a technique and a number of samples, with more samples where pixels are difficult
- * (choose/pilot_allot.h). Other light: eye paths; particles aimed at mirrors and glass, with eye paths; particles for
- * the whole scene; each with a count, or omitted if its time is better spent elsewhere.
+ * The first frame begins with a quick picture and measures the whole of it; both count as its time. If the time pays
+ * for no more, the quick picture is the frame. Later frames spend three tenths of their time on measurements until each
+ * part has a few, then a twentieth, and a fiftieth once there are many.
  *
- * Choices depend on the clock, so the same input does not give the same bits. Thread: the relighter's. */
+ * With a time, light besides direct light is denoised where so few samples would have more error than the filter
+ * (PILOT_FILTER_ABOVE). With an error alone nothing is denoised.
+ *
+ * Counts depend on the clock, so the same input does not give the same bits. Thread: the relighter's. */
 #pragma once
 
 #include "light/relight.h"
+
+/* relMSE of the court's denoised pictures with few samples, in all light: a lower one is expected of the samples alone,
+ * or they are filtered (docs/noise.md). */
+#define PILOT_FILTER_ABOVE 0.02
 
 struct pilot;
 
@@ -28,7 +33,7 @@ enum pilot_part {
 };
 
 struct pilot_work {       /* what was computed */
-    enum pilot_part part; /* PILOT_PARTS: the resolve from points to pixels */
+    enum pilot_part part; /* PILOT_PARTS: from points to pixels, and the filter */
     uint64_t points, rays;
     double n; /* samples or paths a point, particles */
 };
@@ -44,10 +49,10 @@ struct pilot_target { /* at least one is above 0; with both, the error is lowere
 
 struct pilot_part_stats {
     bool there;       /* the scene has this part and the request includes it */
-    const char *name; /* of the technique; static; "" if omitted */
-    double n;         /* mean samples or paths per point; or particles; 0: omitted */
+    const char *name; /* of the estimator; static; "" if not there */
+    double n;         /* mean samples or paths per point; or particles */
     double seconds, expected_seconds;
-    double error; /* estimated share of relMSE: its variance, or the error of omitting it */
+    double error; /* estimated share of relMSE */
 };
 
 struct pilot_stats {
@@ -55,8 +60,10 @@ struct pilot_stats {
     uint32_t samples;     /* N_s of direct light, averaged over the shade points */
     double seconds;       /* of the picture and the pilot */
     double pilot_seconds; /* of these, the pilot's */
-    double error;         /* relMSE, estimated: sum over the parts */
-    bool met;             /* time suffices, and neither `error` nor the audit's estimate is above the target's */
+    double error;         /* relMSE, estimated: sum over the parts, before a filter; 0: not measured yet */
+    bool denoised;        /* the time pays for too few samples without a filter */
+    bool in_time;         /* the fewest samples take no longer than the target's time */
+    bool met;             /* in_time, and neither `error` nor the audit's estimate is above the target's */
     uint32_t readings;    /* of the least measured part, under this sky */
     double more;          /* expected relMSE in twice the time */
     uint64_t frames;      /* since the sky last changed much, including this one */

@@ -10,7 +10,8 @@
 #include <math.h>
 #include <string.h>
 
-#define RATE 30.0 /* frames per second of a video file if neither flag nor source sets it */
+#define PAID_BACK_IN 8.0 /* frames: what a frame of --fps took beyond its share */
+#define RATE 30.0        /* frames per second of a video file if neither flag nor source sets it */
 
 /* What would fail after the work is found out before it. */
 static enum err open_outputs(struct render *r, struct reason *why)
@@ -157,8 +158,11 @@ struct frame_request render_request(const struct render *r, const struct frame *
 
     light->direct.pass = r->desc.setup.reseed ? frame->number : 0;
     light->turn = frame->number;
-    if (q.target.seconds > 0.0) /* what reading and writing leave of the frame's */
-        q.target.seconds = fmax(0.2 * q.target.seconds, q.target.seconds - r->beside_s);
+    if (q.target.seconds > 0.0) {
+        const double left = all ? (double)q.frames_left + 1.0 : PAID_BACK_IN;
+        const double owed_s = r->owed_s / fmin(left, PAID_BACK_IN) + r->beside_s; /* by reading and writing, too */
+        q.target.seconds *= fmin(2.0, fmax(0.2, 1.0 - owed_s / q.target.seconds));
+    }
     return q;
 }
 
@@ -181,6 +185,24 @@ static enum err print_probe(struct render *r, struct reason *why)
 
     relight_lamps_pixel(r->lamps, q->x, q->y, lamps.rgb);
     return prober_print(r->prober, r->environment, &r->decision.light, q, r->rgb, r->lamps ? &lamps : NULL, why);
+}
+
+/* What a frame of --fps took beyond its share is owed by the next ones. Warns where the time is too short. */
+static void keep_to_rate(struct render *r, const struct pilot_stats *pilot, double spent_s)
+{
+    const double frame_s = r->desc.target.seconds;
+
+    if (!(frame_s > 0.0))
+        return;
+    const bool late = pilot->seconds > frame_s && !pilot->in_time;
+    r->owed_s += spent_s - frame_s;
+    if (pilot->denoised && !r->warned_denoised)
+        log_warning("--fps: %.3g s a frame pay for few samples, so the light is denoised, which is biased", frame_s);
+    if (late && !r->warned_late)
+        log_warning("--fps: the fewest samples take %.3g s, which is more than %.3g s a frame: frames take longer",
+                    pilot->seconds, frame_s);
+    r->warned_denoised |= pilot->denoised;
+    r->warned_late |= late;
 }
 
 /* Renders one frame that was read: refused frames are reported and skipped, and the sequence continues. */
@@ -207,6 +229,7 @@ static enum err render_frame(struct render *r, struct reason *why)
     r->desc.setup.light.direct.why = why;
     const struct frame_request request = render_request(r, &r->frame, &r->desc.setup.light);
     decide(&r->decider, &request, &r->decision);
+    const double begun_s = clock_seconds();
     e = r->layers
             ? render_layers_run(r, &stats)
             : decider_run(&r->decider, r->relighter, r->environment, &request, &r->decision, r->rgb, &stats, &pilot);
@@ -227,6 +250,7 @@ static enum err render_frame(struct render *r, struct reason *why)
         e = ranks_index(r->desc.ranks) > 0 ? render_collect_post(r, why) : render_collect_take(r, false, why);
     const double ms[3] = { r->decoding.ms[0], r->decoding.ms[1], 1e3 * (clock_seconds() - start) };
     const double beside_s = 1e-3 * (ms[0] + ms[1] + ms[2]);
+    keep_to_rate(r, &pilot, beside_s + start - begun_s);
     if (r->rendered > 0) /* the first makes tables that stay */
         r->beside_s += (r->rendered > 1 ? 0.3 : 1.0) * (beside_s - r->beside_s);
     if (!e && r->prober)

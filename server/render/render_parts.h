@@ -42,6 +42,8 @@ struct render {
     struct decision decision; /* of the frame */
     double cache_ms;          /* of computing or loading what --method cached needs, once */
     double beside_s;          /* of a frame, what is not light: reading and writing it, smoothed */
+    double owed_s;            /* what the frames so far took beyond those of --fps */
+    bool warned_denoised, warned_late;
     struct environment *environment;
     struct output *output;  /* NULL: no images */
     struct changes changes; /* of statistics and desc.changes */

@@ -126,8 +126,7 @@ static void a_first_picture_within_the_noise_is_shown(void **state)
     environment_destroy(e);
 }
 
-/* Each way of light tracing has its own count: three units of 2,048 particles and five; one that is not chosen has
- * none. */
+/* Each light tracer has its own count: three units of 2,048 particles and five; one that is not there has none. */
 static void each_light_tracer_has_its_count(void **state)
 {
     static const struct relight_desc light = { .direct = { .method = METHOD_AUTO } };
@@ -136,16 +135,15 @@ static void each_light_tracer_has_its_count(void **state)
 
     assert_non_null(p);
     p->light = &light;
-    p->choice.way[PILOT_DIRECT] = p->choice.way[PILOT_EYE] = WAY_NONE;
     for (int k = 0; k < 2; k++) {
-        p->choice.way[PILOT_AIMED + k] = WAY_AIMED + (uint32_t)k;
-        p->choice.n[PILOT_AIMED + k] = k ? 5.0 : 3.0;
+        p->offered[PILOT_AIMED + k] = true;
+        p->n[PILOT_AIMED + k] = k ? 5.0 : 3.0;
     }
     struct picture_passes passes = pilot_passes(p, 9);
     assert_int_equal(passes.light[0].particles, 3 * 2048);
     assert_int_equal(passes.light[1].particles, 5 * 2048);
     assert_int_equal(passes.light[1].pass, 9);
-    p->choice.way[PILOT_AIMED] = WAY_NONE;
+    p->offered[PILOT_AIMED] = false;
     passes = pilot_passes(p, 9);
     assert_int_equal(passes.light[0].particles, 0);
     assert_int_equal(passes.light[1].particles, 5 * 2048);

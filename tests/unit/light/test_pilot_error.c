@@ -16,7 +16,7 @@
 
 #include <math.h>
 
-enum { WIDTH = 48, HEIGHT = 27, PIXELS = WIDTH * HEIGHT, LEARNING = 24, FEW = 8, ALL = 16 };
+enum { WIDTH = 48, HEIGHT = 27, PIXELS = WIDTH * HEIGHT, LEARNING = 24, FEW = 8, ALL = 16, MANY = 64 };
 
 static float rgb[3 * PIXELS], reference[3 * PIXELS];
 static uint8_t mask[PIXELS];
@@ -64,6 +64,11 @@ static double light_of(const float *picture)
     return sum;
 }
 
+static struct pilot_target in_time(double seconds)
+{
+    return (struct pilot_target){ .seconds = seconds };
+}
+
 struct outcome {
     double said, truth, deviation; /* mean over the pictures; standard error of the truth, as a share */
     double light, light_deviation; /* over the reference's; its standard error */
@@ -71,44 +76,43 @@ struct outcome {
 };
 
 /* A pilot who has learnt, and then pictures with other numbers each. */
-static struct outcome measure(const struct set *set, const struct environment *e, uint32_t classes, double seconds)
+static struct outcome measure(const struct set *set, const struct environment *e, uint32_t classes,
+                              struct pilot_target target, uint32_t pictures)
 {
     struct relight_desc light = { .classes = classes };
     struct pilot *p = pilot_of(set);
-    const uint32_t measured = seeds_count(FEW, ALL);
     struct outcome o = { 0 };
     struct relight_stats stats;
     double squares = 0.0, lights = 0.0;
 
-    for (light.direct.pass = 0; light.direct.pass < LEARNING + measured; light.direct.pass++) {
-        fly(p, e, &light, (struct pilot_target){ .seconds = seconds }, 1, rgb, &stats, &o.last);
+    for (light.direct.pass = 0; light.direct.pass < LEARNING + pictures; light.direct.pass++) {
+        fly(p, e, &light, target, 1, rgb, &stats, &o.last);
         const double error = rel_mse();
         if (light.direct.pass < LEARNING)
             continue;
-        o.said += o.last.error / measured;
-        o.truth += error / measured;
-        squares += error * error / measured;
+        o.said += o.last.error / pictures;
+        o.truth += error / pictures;
+        squares += error * error / pictures;
         const double one = light_of(rgb) / light_of(reference);
-        o.light += one / measured;
-        lights += one * one / measured;
+        o.light += one / pictures;
+        lights += one * one / pictures;
     }
-    o.deviation = sqrt(fmax(0.0, squares - o.truth * o.truth) / (measured - 1.0)) / o.truth;
-    o.light_deviation = sqrt(fmax(0.0, lights - o.light * o.light) / (measured - 1.0));
+    o.deviation = sqrt(fmax(0.0, squares - o.truth * o.truth) / (pictures - 1.0)) / o.truth;
+    o.light_deviation = sqrt(fmax(0.0, lights - o.light * o.light) / (pictures - 1.0));
     pilot_end(p);
     return o;
 }
 
-static void compare(struct environment *e, uint32_t classes, double seconds, const char *sky)
+static void compare(struct environment *e, uint32_t classes, struct pilot_target target, const char *sky)
 {
     struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
 
     converge(set, e, classes);
-    const struct outcome o = measure(set, e, classes, seconds);
+    const struct outcome o = measure(set, e, classes, target, seeds_count(FEW, ALL));
     printf("%s: said %.4g, true %.4g +- %.0f %%, light %.4f +- %.4f\n", sky, o.said, o.truth, 100.0 * o.deviation,
            o.light, o.light_deviation);
     assert_true(fabs(o.said / o.truth - 1.0) < 0.3);
-    if (!(classes & PATH_INDIRECT) || o.last.part[PILOT_EYE].n > 0.0)
-        assert_true(fabs(o.light - 1.0) < 4.0 * o.light_deviation + 0.001);
+    assert_true(fabs(o.light - 1.0) < 4.0 * o.light_deviation + 0.001);
     environment_destroy(e);
     set_destroy(set);
 }
@@ -116,26 +120,44 @@ static void compare(struct environment *e, uint32_t classes, double seconds, con
 static void the_error_said_is_true_under_cloud(void **state)
 {
     (void)state;
-    compare(sky_environment(sky_overcast(64, 32), 32, 0.0), PATH_BACKGROUND | PATH_DIRECT, 0.015, "overcast, direct");
+    compare(sky_environment(sky_overcast(64, 32), 32, 0.0), PATH_BACKGROUND | PATH_DIRECT, in_time(0.015),
+            "overcast, direct");
 }
 
 static void the_error_said_is_true_under_a_sun(void **state)
 {
     (void)state;
-    compare(sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0), PATH_BACKGROUND | PATH_DIRECT, 0.015, "sun, direct");
+    compare(sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0), PATH_BACKGROUND | PATH_DIRECT, in_time(0.015),
+            "sun, direct");
 }
 
 static void the_error_said_is_true_with_interreflection(void **state)
 {
     (void)state;
-    compare(sky_environment(sky_overcast(64, 32), 32, 0.0), PATH_ALL, 0.025, "overcast, all");
+    compare(sky_environment(sky_overcast(64, 32), 32, 0.0), PATH_ALL, (struct pilot_target){ .error = 0.05 },
+            "overcast, all");
 }
 
-/* Left out or not, the light of the bounce is in the error that is said. */
-static void what_is_left_out_is_counted(void **state)
+/* However short the time, all light is there: the mean of the pictures is the reference's within 3 %. Without indirect
+ * light it would be 10 % lower and more. So few pixels lose 2 % to the filter (at 320x180 0.2 %); the standard error of
+ * the mean is held to a third of a per cent. */
+static void no_light_is_missing_in_haste(void **state)
 {
+    static const double seconds[] = { 0.0001, 0.0032, 0.02 };
+    struct environment *e = sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0);
+    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
     (void)state;
-    compare(sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0), PATH_ALL, 0.0032, "sun, all, in haste");
+
+    converge(set, e, PATH_ALL);
+    for (size_t k = 0; k < sizeof(seconds) / sizeof(seconds[0]); k++) {
+        const struct outcome o = measure(set, e, PATH_ALL, in_time(seconds[k]), MANY);
+        printf("%.1f ms: light %.4f +- %.4f, relMSE %.3g, denoised %d\n", 1e3 * seconds[k], o.light, o.light_deviation,
+               o.truth, o.last.denoised);
+        assert_true(o.light_deviation < 0.0033);
+        assert_true(fabs(o.light - 1.0) < 0.03);
+    }
+    environment_destroy(e);
+    set_destroy(set);
 }
 
 /* Each technique for all surfaces, with as many samples as take the time; mean over seeds, in each commit half of them:
@@ -190,7 +212,7 @@ static void weigh_choice(struct environment *e, const char *sky)
         printf("  %-26s %.4g\n", fixed[k].name, error);
         least = fmin(least, error);
     }
-    const struct outcome o = measure(set, e, PATH_BACKGROUND | PATH_DIRECT, seconds);
+    const struct outcome o = measure(set, e, PATH_BACKGROUND | PATH_DIRECT, in_time(seconds), seeds_count(FEW, ALL));
     const double chosen = o.truth;
     printf("%s: the pilot (%s) %.4g, %.2f of the best\n", sky, o.last.part[PILOT_DIRECT].name, chosen, chosen / least);
     assert_true(chosen < 0.8 * least);
@@ -214,7 +236,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_error_said_is_true_under_cloud),
     cmocka_unit_test(the_error_said_is_true_under_a_sun),
     cmocka_unit_test(the_error_said_is_true_with_interreflection),
-    cmocka_unit_test(what_is_left_out_is_counted),
+    cmocka_unit_test(no_light_is_missing_in_haste),
     cmocka_unit_test(the_choice_is_near_the_best_of_all_under_cloud),
     cmocka_unit_test(the_choice_is_near_the_best_of_all_under_a_sun),
 };
