@@ -54,8 +54,10 @@ static const struct setting_choice luminance_choices[] = {
 
 /* What this program alone has. */
 static const struct setting rows[] = {
-    { "fps", "N", "with --method auto: least error at N frames per second, files included; replaces --samples", NULL,
-      RENDERING, REAL(1e-4, 1000.0), AT(fps) },
+    { "fps", "N",
+      "with --method auto: least error at N frames per second on average, files and measurements included; denoised if "
+      "the time pays for few samples; replaces --samples",
+      NULL, RENDERING, REAL(1e-4, 1000.0), AT(fps) },
     { "out", "PATTERN",
       "file name: .exr (linear), .jpg or .png (tone-mapped), with %d or %04d for the frame number; '-': standard "
       "output, with --format",
