@@ -16,7 +16,7 @@
 struct bench_program {
     struct setup setup; /* of which size, scene, source, cpu and threads are used */
     struct bench_desc desc;
-    bool json, first_minute, speed;
+    bool json, live, first_minute, speed;
 };
 
 #define AT(field) SETTING_AT(bench_program, field)
@@ -32,15 +32,18 @@ static const struct setting rows[] = {
       AT(desc.viewers) },
     { "rounds", "N", "interleaved rounds, 3 to 99; the median counts; long rows take fewer; above 3, short ones more",
       "9", .section = "Measurement", WHOLE(3, BENCH_ROUNDS_MAX), AT(desc.rounds) },
+    { "live", NULL, "measure what a viewer of relightd gets under a moving sky, instead; has flags of its own (--help)",
+      NULL, .section = "Measurement", SWITCH, AT(live) },
     { "first-minute", NULL,
       "measure how the error of a live image falls while its cache is computed, instead; has flags of its own (--help)",
       NULL, .section = "Measurement", SWITCH, AT(first_minute) },
     { "speed", NULL, "measure the cost of images by the cache for several scenes and skies in one table, instead", NULL,
       .section = "Measurement", SWITCH, AT(speed) },
     { "scenes", "LIST",
-      "with --first-minute or --speed: scene files or builtin, separated by ;  TITLE=FILE gives one a title", "builtin",
-      .section = "Measurement", TEXT, AT(desc.scenes) },
-    { "sources", "LIST", "with --first-minute or --speed: sources, separated by ;  TITLE=SOURCE gives one a title",
+      "with --live, --first-minute or --speed: scene files or builtin, separated by ;  TITLE=FILE gives one a title",
+      "builtin", .section = "Measurement", TEXT, AT(desc.scenes) },
+    { "sources", "LIST",
+      "with --live, --first-minute or --speed: sources, separated by ;  TITLE=SOURCE gives one a title",
       "noon=sky:hour=12", .section = "Measurement", TEXT, AT(desc.sources) },
     { "json", NULL, "print JSON instead of a table", NULL, .section = "Output", SWITCH, AT(json) },
     { .name = NULL },
@@ -81,7 +84,7 @@ static enum err run_script(char **argv, struct reason *why)
 static bool wants_script(char **argv)
 {
     for (size_t i = 1; argv[i]; i++)
-        if (strcmp(argv[i], "--first-minute") == 0)
+        if (strcmp(argv[i], "--live") == 0 || strcmp(argv[i], "--first-minute") == 0)
             return true;
     return false;
 }

@@ -24,7 +24,7 @@ def watch(bench, scene, source):
     kept, first, statuses, logged = {}, [], [], []
     cache = os.path.join(bench.folder, "fresh")
     shutil.rmtree(cache, ignore_errors=True)
-    flags = ["--size", arguments.size, "--source", source, "--cache-dir", cache, *(["--scene", scene] if scene else []), *bench.flags]
+    flags = ["--size", arguments.sizes[0], "--source", source, "--cache-dir", cache, *(["--scene", scene] if scene else []), *bench.flags]
     with Daemon(bench.programs.folder, *flags, port=arguments.port) as daemon:
         daemon.wait_listening()
         seen = set()
@@ -45,8 +45,9 @@ def watch(bench, scene, source):
                 statuses.append((time.monotonic() - daemon.begun_s, daemon.processor_s(), daemon.cache_share(), viewer.status))
 
         with Viewer(daemon) as viewer:
+            viewer.on_picture = take
             viewer.subscribe("exr_float")
-            viewer.run(lambda: time.monotonic() - daemon.begun_s >= arguments.seconds and len(seen) >= 2, take,
+            viewer.run(lambda: time.monotonic() - daemon.begun_s >= arguments.seconds and len(seen) >= 2,
                        max(arguments.seconds, arguments.patience), note)
             if len(seen) < 2:
                 raise Failure(f"{len(seen)} images came within {arguments.patience:g} s")
@@ -66,7 +67,7 @@ def measure(bench, scene_title, scene, source_title, source):
     arguments = bench.arguments
     bench.say(f"{scene_title}, {source_title}: {arguments.seconds:g} s of images")
     pictures, statuses, logged, count = watch(bench, scene, source)
-    view = truth.View(bench.programs, os.path.join(bench.folder, "references"), scene, arguments.size, source,
+    view = truth.View(bench.programs, os.path.join(bench.folder, "references"), scene, arguments.sizes[0], source,
                       arguments.reference_samples)
     images = []
     for number, (at_s, picture) in enumerate(pictures):
@@ -84,7 +85,7 @@ def measure(bench, scene_title, scene, source_title, source):
         for which in (0, 1):
             os.unlink(view.half(picture.frame, which))
     left = [(at, float(m[1])) for at, line in logged if (m := re.search(r"about ([0-9.]+) s left", line))]
-    return {"scene": scene_title, "source": source_title, "spec": source, "size": arguments.size, "images": images,
+    return {"scene": scene_title, "source": source_title, "spec": source, "size": arguments.sizes[0], "images": images,
             "images_received": count, "time_left": left, **verdict(images, left)}
 
 
@@ -115,14 +116,20 @@ def rows(bench):
             except LookupError as fault:
                 bench.say(str(fault))
                 continue
-            yield measure(bench, scene_title, scene, source_title, source)
+            try:
+                yield measure(bench, scene_title, scene, source_title, source)
+            except Failure as fault:
+                bench.say(f"error: {scene_title}, {source_title}: {fault}")
+                yield {"scene": scene_title, "source": source_title, "fault": str(fault)}
 
 
 def number(value, form=".2g"):
     return "-" if value is None else format(value, form)
 
 
-def print_row(row, _):
+def print_row(row):
+    if "fault" in row:
+        return
     print(f"\n{row['scene']}, {row['source']} ({row['spec']}), {row['size']}, {row['images_received']} images\n"
           f"{'seconds':>8} {'processor s':>11} {'frame':>6}  {'by':<11} {'cache':>6} {'relMSE':>8} {'+-':>7} {'surfaces':>8} "
           f"{'mean':>6} {'FLIP':>6} {'states':>8} {'at most':>8}  |1e-1{' ' * (CURVE - 8)}1e-3|")
@@ -144,7 +151,7 @@ def print_end(report):
           f"processors, load {report['machine']['load']:.1f}\n"
           f"{'scene':<12} {'sky':<10} {'first':>8} {'2e-2':>8} {'5e-3':>8}  {'worse than denoised':<20} {'mean off by 1 %':<20} time left up\n"
           f"{'':<12} {'target':<10} {FIRST_S:8g} {GOOD_S:8g} {BETTER_S:8g}  {'never':<20} {'never from image 2':<20} never")
-    for r in report["rows"]:
+    for r in [row for row in report["rows"] if "fault" not in row]:
         lists = [" ".join(f"{s:.3g}" for s in r[key]) or "never" for key in ("worse_than_denoised_s", "mean_off_s", "counts_up")]
         print(f"{r['scene']:<12} {r['source']:<10} {mark(r['first_s'], FIRST_S):>8} {mark(r['good_s'], GOOD_S):>8} "
               f"{mark(r['better_s'], BETTER_S):>8}  {lists[0]:<20} {lists[1]:<20} {lists[2]}")

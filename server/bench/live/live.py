@@ -3,11 +3,13 @@
 script; docs/internals/performance.md says how to read what it prints."""
 
 import argparse
+import hashlib
 import json
 import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -16,10 +18,12 @@ sys.dont_write_bytecode = True  # the folder may be a source tree
 
 import first_minute  # noqa: E402
 import truth  # noqa: E402
-from relightd import Failure  # noqa: E402
+import viewer  # noqa: E402
+from relightd import STOPPING, Failure, end_all  # noqa: E402
 
 SCENES = {"court": None, "house": "house.py:house.glb", "ring": "ring.json", "product": "product.py:product.json", "room": "room.py:room.*"}
 SOURCES = {**{str(hour): f"sky:hour={hour},speed=0.25" for hour in (9, 12, 17)}, "clouds": "proof.py"}
+CLOUDS = "48"  # images of the sequence, which starts again after the last
 FIRST_SOURCES = {"minute": "sky:hour=10,speed=1", "calm": "sky:hour=10,speed=0.25"}
 
 
@@ -45,7 +49,7 @@ def say(text):
 
 
 class Inputs:
-    """Scenes and sources by their titles; those of the examples are written into `folder` when they are needed."""
+    """Scenes and sources by their titles. Those that a script of the examples writes are kept in `folder`."""
 
     def __init__(self, folder, first_minute):
         self.folder, self.examples = folder, examples_folder()
@@ -54,15 +58,22 @@ class Inputs:
     def made(self, script, *arguments):
         """The folder of what an example's script writes; None: there is no such script."""
         path = os.path.join(self.examples, script)
-        folder = os.path.join(self.folder, script)
         if not self.examples or not os.path.exists(path):
             return None
+        with open(path, "rb") as file:
+            key = hashlib.sha256(file.read() + " ".join(arguments).encode()).hexdigest()[:12]
+        folder = os.path.join(self.folder, f"{os.path.splitext(script)[0]}-{key}")
         if not os.path.isdir(folder):
-            os.mkdir(folder)
-            done = subprocess.run([sys.executable, path, folder, *arguments], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                                  stderr=subprocess.PIPE, text=True, check=False)
-            if done.returncode:
-                raise Failure(f"{script}: {done.stderr.strip()[-200:]}")
+            os.makedirs(self.folder, exist_ok=True)
+            say(f"{script} writes its files")
+            with tempfile.TemporaryDirectory(dir=self.folder) as part:
+                whole = os.path.join(part, "whole")
+                os.mkdir(whole)
+                done = subprocess.run([sys.executable, path, whole, *arguments], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                                      stderr=subprocess.PIPE, text=True, check=False)
+                if done.returncode:
+                    raise Failure(f"{script}: {done.stderr.strip()[-200:]}")
+                os.rename(whole, folder)
         return folder
 
     def scene(self, title, name):
@@ -88,7 +99,7 @@ class Inputs:
         if self.examples and os.path.exists(path):
             with open(path, encoding="utf-8") as file:
                 if "--clouds" in file.read():
-                    return os.path.join(self.made(known, "--clouds", "120"), "clouds.%04d.exr")
+                    return os.path.join(self.made(known, "--clouds", CLOUDS), "clouds.%04d.exr")
         raise LookupError(f"{title} is left out: there is no proof.py with --clouds in this installation")
 
 
@@ -114,7 +125,7 @@ def read_arguments(arguments):
     p.add_argument("--sources", default="minute;calm" if moving else "9;12;17;clouds", metavar="LIST",
                    help="minute, calm (a minute, 15 s of sky per image)" if moving else
                    "9, 12, 17 (a computed sky, 15 s per image, from that hour on), clouds, or sources, separated by ;  TITLE=SOURCE")
-    p.add_argument("--size", default="640x360", metavar="WxH", help="of the images [%(default)s]")
+    p.add_argument("--size", metavar="WxH", help="of the images [640x360" + ("]" if moving else "; the court under 12 also 1280x720]"))
     p.add_argument("--seconds", type=float, default=60.0 if moving else 20.0, help="of measuring, per row [%(default)s]")
     p.add_argument("--patience", type=float, default=300.0, metavar="S", help="for a cache to be complete, seconds [%(default)s]")
     p.add_argument("--references", metavar="DIR", help="folder that keeps converged images [~/.cache/relightd/references]")
@@ -127,14 +138,13 @@ def read_arguments(arguments):
     p.add_argument("--cache-memory", metavar="MB", help="maximum memory of its cache")
     out = p.parse_args(arguments)
     out.first_minute = moving
-    if not re.fullmatch(r"[1-9][0-9]*x[1-9][0-9]*", out.size):
+    if out.size and not re.fullmatch(r"[1-9][0-9]*x[1-9][0-9]*", out.size):
         p.error(f"--size {out.size}: expected WIDTHxHEIGHT")
     if out.seconds <= 0 or out.patience < 0 or out.reference_samples < 1:
         p.error("--seconds, --patience and --reference-samples: expected positive numbers")
-    out.sizes_given = "--size" in " ".join(arguments)
+    out.sizes = [out.size] if out.size else ["320x180"] if out.quick else ["640x360", "1280x720"]
     if out.quick:
         out.scenes, out.sources = out.scenes.split(";")[0], out.sources.split(";")[0] if moving or "--sources" in arguments else "12"
-        out.size = out.size if out.sizes_given else "320x180"
         out.seconds = min(out.seconds, 15.0)
     return out
 
@@ -153,28 +163,39 @@ def machine():
     return {"cpu": model[1] if model else "unknown", "processors": len(os.sched_getaffinity(0)), "load": os.getloadavg()[0]}
 
 
+def check_port(port):
+    """Before any scene is made: relightd would say the same."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as fault:
+            raise Failure(f"port {port} of 127.0.0.1: {fault.strerror}; --port 0 takes any free one") from None
+
+
 def stop(number, _):
     raise SystemExit(128 + number)
 
 
 def main():
     arguments = read_arguments(sys.argv[1:])
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in STOPPING:
         signal.signal(number, stop)
     folder = tempfile.mkdtemp(prefix="relight-bench-")
     try:
+        check_port(arguments.port)
+        references = arguments.references or os.path.expanduser(os.path.join(
+            os.environ.get("XDG_CACHE_HOME") or "~/.cache", "relightd/references"))
         bench = argparse.Namespace(
-            programs=truth.Programs(programs_folder()), folder=folder, inputs=Inputs(folder, arguments.first_minute),
-            arguments=arguments, flags=pass_on(arguments), say=say,
-            scenes=titled(arguments.scenes), sources=titled(arguments.sources),
-            references=arguments.references or os.path.expanduser(os.path.join(
-                os.environ.get("XDG_CACHE_HOME") or "~/.cache", "relightd/references")))
-        module = first_minute
+            programs=truth.Programs(programs_folder()), folder=folder, references=references, arguments=arguments,
+            inputs=Inputs(os.path.join(references, "examples"), arguments.first_minute), flags=pass_on(arguments), say=say,
+            scenes=titled(arguments.scenes), sources=titled(arguments.sources))
+        module = first_minute if arguments.first_minute else viewer
         report = {"machine": machine(), "version": bench.programs.run("relight-render", "--version").strip(), "rows": []}
         for row in module.rows(bench):
             report["rows"].append(row)
             if arguments.json != "-":
-                module.print_row(row, len(report["rows"]) == 1)
+                module.print_row(row)
         if arguments.json == "-":
             json.dump(report, sys.stdout, indent=1)
             print()
@@ -190,8 +211,9 @@ def main():
         say("error: " + str(fault))
         return 1
     finally:
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in STOPPING:
             signal.signal(number, signal.SIG_IGN)  # once is enough
+        end_all()
         shutil.rmtree(folder, ignore_errors=True)
 
 

@@ -22,15 +22,48 @@ TICKS = os.sysconf("SC_CLK_TCK")
 PR_SET_PDEATHSIG = 1
 END_S = 20.0  # to end after SIGTERM
 
-Picture = collections.namedtuple("Picture", "received_s latency_us captured flags frame gain samples payload")
+EXR_FLOAT, H264 = 3, 4  # forms of pictures
+
+Picture = collections.namedtuple("Picture", "received_s latency_us captured form flags frame gain samples payload")
 
 
 class Failure(Exception):
     """What cannot be measured, and why, for the user."""
 
 
-def die_with_parent():
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+RUNNING = []  # processes that spawn has started
+
+
+def prepare_child():
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)  # even if this process is killed
+
+
+def spawn(command, **how):
+    """Starts a process that end_all can end: no signal comes between its start and its entry in RUNNING."""
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+    try:
+        RUNNING[:] = [p for p in RUNNING if p.poll() is None]
+        RUNNING.append(subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=prepare_child, **how))
+        return RUNNING[-1]
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+
+
+def end(process):
+    if process.poll() is None:
+        process.terminate()
+    try:
+        process.wait(END_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def end_all():
+    for process in RUNNING:
+        end(process)
 
 
 # ---- Processes ----
@@ -82,8 +115,7 @@ class Daemon:
         self.lines = []  # (seconds since begun_s, line)
         self.address = None
         self.begun_s = time.monotonic()
-        self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-                                        preexec_fn=die_with_parent)
+        self.process = spawn(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
         self.known = threading.Event()  # it listens, or has ended
         self.reader = threading.Thread(target=self._read, daemon=True)
         self.reader.start()
@@ -130,13 +162,7 @@ class Daemon:
         return float(found[1]) if found else 0.0
 
     def stop(self):
-        if self.alive():
-            self.process.terminate()
-        try:
-            self.process.wait(END_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
+        end(self.process)
         self.reader.join(END_S)
         self.process.stderr.close()
 
@@ -150,17 +176,18 @@ class Daemon:
 # ---- The viewer ----
 
 class Viewer:
-    """A connection in the role of a controller, which may do all that a viewer may. One thread."""
+    """A connection in the role of a controller, which may do all that a viewer may. `on_picture` gets each picture. One thread."""
 
     def __init__(self, daemon):
         self.daemon = daemon
         self.status, self.last = {}, {}  # the newest status; the newest message by op
+        self.on_picture = None
         self.requests = 0
         self.socket = socket.create_connection(daemon.address, timeout=120)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._upgrade()
         self.say(op="hello", role="controller", version={"major": 1, "minor": 2})
-        self.run(lambda: "welcome" in self.last, None, 60.0)
+        self.run(lambda: "welcome" in self.last, 60.0)
 
     def _upgrade(self):
         host = "%s:%d" % self.daemon.address
@@ -210,8 +237,8 @@ class Viewer:
                 if head[0] & 128:
                     return kind, data
 
-    def run(self, done, on_picture, most_s, tick=None):
-        """Receives until done() or for most_s seconds; on_picture gets each picture, tick() is called twice a second. Returns done()."""
+    def run(self, done, most_s, tick=None):
+        """Receives until done() or for most_s seconds; tick() is called twice a second. Returns done()."""
         end_s = time.monotonic() + most_s
         tick_s = 0.0
         while not done():
@@ -225,10 +252,10 @@ class Viewer:
                 if not self.daemon.alive():
                     raise Failure("relightd ended: " + self.daemon.fault())
                 continue
-            self._hear(on_picture)
+            self._hear()
         return True
 
-    def _hear(self, on_picture):
+    def _hear(self):
         kind, data = self._message()
         if kind == 1:
             said = json.loads(data.decode())
@@ -239,19 +266,19 @@ class Viewer:
                 raise Failure(said["message"])
             return
         received_s, received_us = time.monotonic(), time.time_ns() // 1000
-        (_, header, _, flags, sequence, frame, capture, published, queued, decoded, shaded, encoded, _, _, gain, samples,
+        (_, header, form, flags, sequence, frame, capture, published, queued, decoded, shaded, encoded, _, _, gain, samples,
          _, _) = PICTURE.unpack_from(data)
         self.say(op="ack", sequence=sequence)
         # Files have no time of capture: then the time since reading began.
         latency = received_us - (capture or published - queued - decoded - shaded - encoded)
-        if on_picture:
-            on_picture(Picture(received_s, latency, capture != 0, flags, frame, gain, samples, bytes(data[header:])))
+        if self.on_picture:
+            self.on_picture(Picture(received_s, latency, capture != 0, form, flags, frame, gain, samples, bytes(data[header:])))
 
     def subscribe(self, form, **more):
         self.requests += 1
         self.last.pop("subscribed", None)
         self.say(op="subscribe", format=form, request=self.requests, **more)
-        self.run(lambda: "subscribed" in self.last or "error" in self.last, None, 60.0)
+        self.run(lambda: "subscribed" in self.last or "error" in self.last, 60.0)
         if "subscribed" not in self.last:
             raise Failure(self.last["error"]["message"])
 
@@ -262,7 +289,7 @@ class Viewer:
         mine = self.last["welcome"]["id"]
         answered = lambda: (self.last.get("error", {}).get("request") == self.requests or  # noqa: E731
                             (self.last.get("control", {}).get("request"), self.last.get("control", {}).get("by")) == (self.requests, mine))
-        if not self.run(answered, None, 120.0) or self.last.get("error", {}).get("request") == self.requests:
+        if not self.run(answered, 120.0) or self.last.get("error", {}).get("request") == self.requests:
             raise Failure(self.last.get("error", {}).get("message", "no answer to a control message"))
 
     def close(self):

@@ -13,7 +13,7 @@ import struct
 import subprocess
 import zlib
 
-from relightd import Failure, die_with_parent
+from relightd import Failure, spawn
 
 SMOOTH = 0.9  # cosine between the normals of neighbouring pixels of one surface
 
@@ -27,13 +27,8 @@ class Programs:
     def run(self, name, *arguments):
         """Its standard output."""
         command = [os.path.join(self.folder, name), *map(str, arguments)]
-        with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                              preexec_fn=die_with_parent) as process:
-            try:
-                out, said = process.communicate()
-            except BaseException:
-                process.kill()
-                raise
+        process = spawn(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        out, said = process.communicate()
         if process.returncode:
             raise Failure(said.strip().split("\n")[-1] or f"{name} ended with {process.returncode}")
         return out
@@ -95,7 +90,7 @@ class View:
         self.programs, self.samples = programs, samples
         self.seen = ["--size", size, *(["--scene", scene] if scene else [])]
         self.light = ["--source", source]
-        key = [programs.run("relight-render", "--version"), size, source, scene_digest(scene), source_digest(source), str(samples)]
+        key = [programs.run("relight-render", "--version"), size, scene_digest(scene), source_digest(source), str(samples)]
         self.folder = os.path.join(folder, hashlib.sha256("\n".join(key).encode()).hexdigest()[:20])
         os.makedirs(self.folder, exist_ok=True)
 
@@ -166,12 +161,12 @@ class View:
         with open(self.made("exposure", make), encoding="ascii") as file:
             return file.read()
 
-    def converged(self, first, last, samples):
-        """The pattern of images as shown, whose noise stands still: one seed, and so many samples that little is left of it."""
-        for frame in range(first, last + 1):
+    def converged_flicker(self, frames, samples):
+        """Of images as shown, whose noise stands still as far as one seed can make it."""
+        for frame in frames:
             self.made(f"shown{samples}.{frame}.png", lambda path, frame=frame: self.render(
                 path, frame, "--method", "mis", "--samples", samples, "--exposure", self.exposure()))
-        return os.path.join(self.folder, f"shown{samples}.%d.png")
+        return flicker(self.programs, os.path.join(self.folder, f"shown{samples}.%d.png"), frames[0], frames[-1])
 
 
 def flicker(programs, pattern, first, last):
@@ -198,9 +193,12 @@ def scene_digest(scene):
 
 
 def source_digest(source):
-    """Of files: their names, sizes and times."""
+    """A computed sky's own words; of files what is in them, since examples are written anew for each run."""
     folder = os.path.dirname(source)
-    if source.startswith("sky:") or not os.path.isdir(folder):
-        return ""
-    stats = [(name, os.stat(os.path.join(folder, name))) for name in sorted(os.listdir(folder))]
-    return "\n".join(f"{name} {s.st_size} {s.st_mtime_ns}" for name, s in stats)
+    if source.startswith(("sky:", "epw:", "mtx:")) or not os.path.isdir(folder):
+        return source
+    out = hashlib.sha256()
+    for name in sorted(os.listdir(folder)):
+        out.update(name.encode())
+        file_digest(os.path.join(folder, name), out)
+    return os.path.basename(source) + out.hexdigest()
