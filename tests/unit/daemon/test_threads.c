@@ -6,6 +6,8 @@
 #include <math.h>
 #include <unistd.h>
 
+enum { AWAITED = 120000 }; /* turns of 5 ms until a wait counts as a hang */
+
 static void even_picture(struct shaded *p, uint64_t frame, float radiance, bool new_view)
 {
     for (size_t i = 0; i < (size_t)3 * WIDTH * HEIGHT; i++)
@@ -128,7 +130,7 @@ static void renditions_are_made_as_asked(void **state)
     fake.demand.renditions[3] = (struct server_rendition){ SERVER_EXR, true, 20, 3 };
     atomic_store(&r.shared.repeat_requested, false);
     assert_int_equal(encode_thread_start(t, &why), ERR_OK);
-    for (int i = 0; i < 4000 && (fake.renditions < 2 || !atomic_load(&r.shared.repeat_requested)); i++)
+    for (int i = 0; i < AWAITED && (fake.renditions < 2 || !atomic_load(&r.shared.repeat_requested)); i++)
         nanosleep(&(struct timespec){ .tv_nsec = 5000000 }, NULL);
     assert_int_equal(fake.renditions, 2);
     assert_int_equal(fake.rendition.width, WIDTH);
@@ -137,7 +139,7 @@ static void renditions_are_made_as_asked(void **state)
     even_picture(&r.shared.pictures.slot[slot], 1, 1.0f, false);
     fake.demand.renditions[2].image = SERVER_NO_IMAGE;
     handoff_publish(&r.shared.pictures.handoff, slot);
-    for (int i = 0; i < 4000 && fake.renditions < 3; i++)
+    for (int i = 0; i < AWAITED && fake.renditions < 3; i++)
         nanosleep(&(struct timespec){ .tv_nsec = 5000000 }, NULL);
     assert_int_equal(fake.renditions, 3);
     assert_int_equal(fake.rendition.width, 20);
@@ -149,14 +151,14 @@ static void renditions_are_made_as_asked(void **state)
 /* Waits until n frames were refused. */
 static void await_refusals(uint64_t n)
 {
-    for (int i = 0; i < 2000 && fake_figures().refused < n; i++)
+    for (int i = 0; i < AWAITED && fake_figures().refused < n; i++)
         nanosleep(&(struct timespec){ .tv_nsec = 5000000 }, NULL);
     assert_true(fake_figures().refused >= n);
 }
 
 static void await_frames(uint64_t n)
 {
-    for (int i = 0; i < 2000 && fake_figures().received < n; i++)
+    for (int i = 0; i < AWAITED && fake_figures().received < n; i++)
         nanosleep(&(struct timespec){ .tv_nsec = 5000000 }, NULL);
     assert_true(fake_figures().received >= n);
 }

@@ -34,7 +34,7 @@ static struct asked taken(struct server *s)
 {
     struct asked a;
 
-    for (int i = 0; i < 400; i++) {
+    for (int i = 0; i < CLIENT_WAIT_MS / 20; i++) {
         if (take_asked(s, &a))
             return a;
         sleep_ms(20);

@@ -5,7 +5,7 @@ static struct server_probe asked(struct server *s)
 {
     struct server_probe q = { 0 };
 
-    for (int i = 0; i < 400; i++) {
+    for (int i = 0; i < CLIENT_WAIT_MS / 20; i++) {
         if (server_take_probe(s, &q))
             return q;
         sleep_ms(20);
@@ -272,7 +272,7 @@ static void who_leaves_is_forgotten(void **state)
     client_expect(&c, "pong");
     client_shut(&c);
     struct server_counters n;
-    for (int i = 0; i < 400; i++) {
+    for (int i = 0; i < CLIENT_WAIT_MS / 20; i++) {
         server_counters(s, &n);
         if (n.open == 0)
             break;

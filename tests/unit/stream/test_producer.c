@@ -531,7 +531,7 @@ static void the_end_is_told_until_frames_come_again(void **state)
 
     produce_live(&c, s);
     client_say(&c, "{\"op\":\"end\"}");
-    for (int i = 0; i < 400 && !demand.ended; i++) {
+    for (int i = 0; i < CLIENT_WAIT_MS / 10 && !demand.ended; i++) {
         sleep_ms(10);
         server_demand(s, &demand);
     }

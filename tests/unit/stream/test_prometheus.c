@@ -319,7 +319,7 @@ static void long_work_is_life_and_sleep_is_not(void **state)
     }
     assert_true(h.beat_ms > SERVER_BEAT_MS);
     atomic_store(&m.works, false); /* now it sleeps */
-    for (int i = 0; i < 80 && h.alive; i++) {
+    for (int i = 0; i < CLIENT_WAIT_MS / 100 && h.alive; i++) {
         sleep_ms(100);
         server_health(s, &h);
     }
