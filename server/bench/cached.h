@@ -6,8 +6,8 @@
 
 #define CACHED_SAMPLES 64 /* N_s of `cached` and of `mis` beside it, whatever the other rows use */
 
-/* Two references of one sky with different random numbers: the product of a picture's differences from both is free of
- * their noise. */
+/* Two references of one sky and the same shading points with different random numbers: the product of a picture's
+ * differences from both is free of their noise. */
 struct cached_truth {
     float *half[2]; /* [height][width][3] */
 };
@@ -31,9 +31,9 @@ void cached_destroy(struct cached *c); /* NULL is allowed */
 MUST_CHECK enum err cached_truth_make(struct cached *c, const struct environment *e, struct cached_truth *t);
 void cached_truth_finish(struct cached_truth *t);
 
-/* relMSE of x against both (chart/judge.h). ERR_NOMEM. */
-MUST_CHECK enum err cached_rel_mse(const struct bench *b, const struct cached *c, const struct cached_truth *t,
-                                   const float *x, double *out);
+/* relMSE of x over pixels with shade points against two references (chart/judge.h). ERR_NOMEM. */
+MUST_CHECK enum err cached_rel_mse(const struct bench *b, const struct cached *c, float *const half[2], const float *x,
+                                   double *out);
 
 /* The bias of direct light (rows_bias.c): figures, or why there are none. ERR_NOMEM, and errors of the stages.
  * cached_bias: the errors under the bench's sky without its bright part, if it has one: the relMSE, and the roots of

@@ -154,7 +154,7 @@ enum err cached_bias(struct bench *b, struct cached *c, bool bright, struct benc
     if (!e)
         e = relighter_run(c->relighter, sky, &c->light, c->rgb, &c->stats);
     if (!e)
-        e = cached_rel_mse(b, c, &t, c->rgb, &rel_mse->ours);
+        e = cached_rel_mse(b, c, t.half, c->rgb, &rel_mse->ours);
     if (!e)
         delta_e->ours = crosswise_delta_e(c, &t, b->desc->width, b->desc->height);
     cached_truth_finish(&t);

@@ -159,10 +159,12 @@ static void print_heads(const char *level, FILE *to)
         m.cpu, m.commit, m.date);
     for (size_t k = 0; k < sizeof(targets) / sizeof(targets[0]); k++)
         print_target(&targets[k], to);
-    fprintf(to,
-            "  all sizes: all/direct at most %g; relMSE at most that of mis; four times the pixels %g, 16 times the "
-            "triangles %g\n  of the time; bias: relMSE %g, delta E %g, seams %g %%, second differences %g codes\n",
-            MOST_ALL, MOST_PIXELS, MOST_GROWTH, MOST_BIAS, MOST_COLOUR, MOST_SEAMS, MOST_CODES);
+    fprintf(
+        to,
+        "  all sizes: all/direct at most %g; relMSE, of surfaces against paths with camera rays of their own, at most "
+        "that of mis;\n  four times the pixels %g, 16 times the triangles %g of the time; bias, against the same "
+        "shading points: relMSE %g, delta E %g, seams %g %%, second differences %g codes\n",
+        MOST_ALL, MOST_PIXELS, MOST_GROWTH, MOST_BIAS, MOST_COLOUR, MOST_SEAMS, MOST_CODES);
     for (int line = 0; line < 2; line++) {
         fprintf(to, "%-10s %-9s %-8s %-10s", line ? "" : "scene", line ? "" : "size", line ? "" : "kernels",
                 line ? "" : "sky");

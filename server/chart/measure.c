@@ -14,6 +14,7 @@
 
 #define JPEG_QUALITY 92 /* relightd's own default */
 #define WARM_UP_SEED UINT64_MAX
+#define OTHER_SIZE 16                  /* texels */
 #define PACE_RUNS 3                    /* whose median is the time of auto */
 #define JUDGE_WORK 4                   /* of comparing a picture, in the units of work_of */
 #define PICTURES_MAX ((size_t)8 << 30) /* bytes */
@@ -21,8 +22,8 @@
 struct runs { /* of one panel */
     const struct panel_desc *desc;
     struct panel *panel;
-    struct technique_stage stage[BUDGETS_MAX]; /* of each budget, with its own decider and time */
-    struct decider decider[BUDGETS_MAX];
+    struct technique_stage stage[BUDGETS_MAX]; /* of each budget, with its own time */
+    struct environment *other;
     struct jpeg_encoder *jpeg;
     uint8_t *display;             /* [height][width][3] */
     float *pictures;              /* [curve_count][budget_count][seeds][height][width][3] */
@@ -62,8 +63,7 @@ uint64_t panel_work(const struct panel_desc *desc)
     for (size_t t = 0; t < count; t++)
         for (uint32_t k = 0; k < desc->budget_count; k++)
             if (all[t].light_class == desc->light_class && panel_takes(desc->techniques, &all[t]))
-                work += desc->seeds * (JUDGE_WORK + work_of(&all[t], desc->budgets[k])) +
-                        (all[t].kind == TECHNIQUE_AUTO ? PILOT_FRAMES * work_of(&all[t], desc->budgets[k]) : 0);
+                work += desc->seeds * (JUDGE_WORK + work_of(&all[t], desc->budgets[k]));
     return work;
 }
 
@@ -89,12 +89,28 @@ static enum err make_curves(struct panel *p, const struct panel_desc *d)
     return p->curves ? ERR_OK : ERR_NOMEM;
 }
 
+/* A sky like no other. */
+static enum err make_other(struct runs *r, struct reason *why)
+{
+    struct frame f = { .kind = FRAME_NONE };
+    enum err e = frame_reserve_texels(&f, OTHER_SIZE, OTHER_SIZE / 2);
+
+    for (size_t i = 0; !e && i < 3 * OTHER_SIZE * OTHER_SIZE / 2; i++)
+        f.rgb[i] = 1.0f + (float)(i % 7);
+    r->other = environment_create(&(struct environment_desc){ .n = r->desc->environment->n });
+    e = e || !r->other ? ERR_NOMEM : environment_update(r->other, &f, why);
+    frame_finish(&f);
+    return e;
+}
+
 static enum err set_up(struct runs *r, struct reason *why)
 {
     const struct panel_desc *d = r->desc;
     struct panel *p = r->panel;
     enum err e = make_curves(p, d);
 
+    if (!e)
+        e = make_other(r, why);
     r->jpeg = jpeg_encoder_create();
     r->display = mem_alloc(values_of(p), 1);
     const size_t bytes = p->curve_count * p->budget_count * p->seeds * values_of(p) * sizeof(float);
@@ -114,7 +130,7 @@ static enum err set_up(struct runs *r, struct reason *why)
     for (uint32_t k = 0; k < p->budget_count; k++) {
         r->stage[k].relighter = relighter;
         r->stage[k].environment = d->environment;
-        r->stage[k].decider = &r->decider[k];
+        r->stage[k].other = r->other;
     }
     if (e || !relighter || !r->jpeg || !r->display || !r->pictures || !p->mask)
         return err_say(why, ERR_NOMEM, "no memory for the images of %zu techniques under %u seeds", p->curve_count,
@@ -157,8 +173,8 @@ static void leave_out(const struct runs *r, struct panel_curve *c)
         snprintf(c->left_out.text, sizeof(c->left_out.text), "the scene has no mirror or glass, hence no caustics");
 }
 
-/* Sets the times of auto, and runs its first frames, in which it learns. */
-static enum err teach_auto(struct runs *r, const struct technique *automatic, struct reason *why)
+/* Sets the times of auto. */
+static enum err pace_auto(struct runs *r, struct reason *why)
 {
     const struct panel *p = r->panel;
     float *rgb = picture_of(r, 0, 0, 0);
@@ -176,9 +192,6 @@ static enum err teach_auto(struct runs *r, const struct technique *automatic, st
         if (!e)
             e = series_band(seconds, PACE_RUNS, &pace);
         r->stage[k].seconds = pace.median;
-        for (uint64_t s = 0; s < PILOT_FRAMES && !e; s++)
-            e = technique_run(automatic, &r->stage[k], p->budgets[k], WARM_UP_SEED - s, rgb, &cost, why);
-        progress_step(r->desc->line, PILOT_FRAMES * work_of(automatic, p->budgets[k]));
     }
     return e;
 }
@@ -195,9 +208,9 @@ static enum err warm_up(struct runs *r, struct reason *why)
         if (p->curves[c].left_out.text[0])
             continue;
         if (p->curves[c].technique->kind == TECHNIQUE_AUTO) {
-            const enum err taught = teach_auto(r, p->curves[c].technique, why);
-            if (taught)
-                return taught;
+            const enum err paced = pace_auto(r, why);
+            if (paced)
+                return paced;
         }
         const enum err e = technique_run(p->curves[c].technique, &r->stage[0], p->budgets[0], WARM_UP_SEED,
                                          picture_of(r, c, 0, 0), &cost, &fault);
@@ -364,8 +377,7 @@ static enum err measure(struct runs *r, struct reason *why)
         e = summarise(r);
     mem_free(pairs);
     relighter_destroy(r->stage[0].relighter);
-    for (uint32_t k = 0; k < p->budget_count; k++)
-        decider_finish(&r->decider[k]);
+    environment_destroy(r->other);
     jpeg_encoder_destroy(r->jpeg);
     mem_free(r->display);
     mem_free(r->pictures);

@@ -231,8 +231,8 @@ static void add_estimate(struct text *t, const struct panel *p, const struct pan
 {
     if (c->left_out.text[0] || c->technique->kind != TECHNIQUE_AUTO)
         return;
-    text_add(t, "<p class=\"soft\"><b>%s</b> got the time of <b>%s</b> and %u frames to learn. It expected noise of",
-             c->technique->name, technique_pace(p->light_class)->name, PILOT_FRAMES);
+    text_add(t, "<p class=\"soft\"><b>%s</b> got the time of <b>%s</b>, for its measurements too. It expected noise of",
+             c->technique->name, technique_pace(p->light_class)->name);
     for (uint32_t k = 0; k < p->budget_count; k++) {
         text_add(t, k ? ", " : " ");
         add_figure(t, c->points[k].expected);

@@ -17,7 +17,6 @@ struct progress;
 
 #define BUDGETS_MAX 16
 #define SEEDS_MAX 256
-#define PILOT_FRAMES 30 /* of auto before it is measured: the first second of a stream */
 
 /* Stages that are common to all techniques: medians over all rounds, in ms, are added to every technique's time. */
 enum common_part {

@@ -122,17 +122,26 @@ enum err technique_run(const struct technique *t, const struct technique_stage *
         .target.seconds = t->kind == TECHNIQUE_AUTO ? stage->seconds : 0.0,
         .no_cache = true,
     };
+    struct decider decider = { 0 };
     struct decision decision;
     struct relight_stats stats = { 0 };
     struct pilot_stats pilot = { 0 };
+    enum err result = ERR_OK;
+    double prepared = 0.0;
 
     light.direct.samples = technique_samples(t, budget);
     light.direct.seed = rng_mix(0x6368617274u, seed);
     light.direct.why = why;
-    decide(stage->decider, &request, &decision);
+    if (t->kind == TECHNIQUE_PREPARED) {
+        result = relighter_run(stage->relighter, stage->other, &light, rgb, &stats);
+        prepared = stats.cache_ms;
+        if (result)
+            return result;
+    }
+    decide(&decider, &request, &decision);
     const double start = clock_seconds();
-    const enum err result =
-        decider_run(stage->decider, stage->relighter, stage->environment, &request, &decision, rgb, &stats, &pilot);
+    result = decider_run(&decider, stage->relighter, stage->environment, &request, &decision, rgb, &stats, &pilot);
+    prepared += stats.cache_ms;
     *cost = (struct technique_cost){
         .seconds = clock_seconds() - start - 1e-3 * stats.cache_ms,
         .samples = light.direct.samples,
@@ -140,10 +149,14 @@ enum err technique_run(const struct technique *t, const struct technique_stage *
         .particles = stats.plan.particles,
         .rays = stats.direct.rays + stats.eye.rays + stats.light.rays + stats.reference_rays,
         .bias = light.denoise && !stats.bias ? "light averaged over neighbouring points" : stats.bias,
-        .prepared = 1e-3 * stats.cache_ms,
+        .prepared = 1e-3 * prepared,
         .prepared_bytes = stats.cache.bytes,
     };
     if (decision.by == DECIDED_BY_MEASURES && !result)
         take_choice(&pilot, cost);
+    decider_finish(&decider);
+    if (!result && t->kind == TECHNIQUE_PREPARED && stats.cache_frame.lit < stats.cache.packets)
+        return err_say(why, ERR_RANGE, "%s: only %u of %u packets were computed", t->name, stats.cache_frame.lit,
+                       stats.cache.packets);
     return result == ERR_NOMEM ? err_say(why, result, "no memory for the samples of %s", t->name) : result;
 }

@@ -53,13 +53,13 @@ const struct technique *technique_pace(enum light_class c);
 
 struct technique_stage { /* what a run needs; borrowed */
     struct relighter *relighter;
-    struct decider *decider; /* whose pilot, for TECHNIQUE_AUTO, has made frames under this sky before */
-    double seconds;          /* a frame, for TECHNIQUE_AUTO */
-    const struct environment *environment;
+    double seconds;                                /* a frame, for TECHNIQUE_AUTO */
+    const struct environment *environment, *other; /* other: has nothing in common with it */
 };
 
 struct technique_cost {
-    double seconds;  /* of the picture: samples, shading, light tracing, resolving, and the pilot's own measurements */
+    double seconds;  /* of the picture: samples, shading, light tracing, resolving, and all measurements of the pilot,
+                        which begins anew */
     double expected; /* relMSE without bias, as estimated by auto; 0: by others */
     uint32_t samples, eye_paths; /* per shade point */
     uint64_t particles, rays;
@@ -68,7 +68,8 @@ struct technique_cost {
     uint64_t prepared_bytes;
 };
 
-/* One picture: rgb float[height][width][3]. Errors as relighter_run's: ERR_UNSUPPORTED where the method needs another
- * layout of sky. */
+/* One picture, as the first of a file: rgb float[height][width][3]. TECHNIQUE_PREPARED lights the other sky before, so
+ * that nothing is taken over from a frame under the same one. Errors as relighter_run's: ERR_UNSUPPORTED where the
+ * method needs another layout of sky. */
 MUST_CHECK enum err technique_run(const struct technique *t, const struct technique_stage *stage, uint32_t budget,
                                   uint64_t seed, float *rgb, struct technique_cost *cost, struct reason *why);

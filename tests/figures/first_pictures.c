@@ -5,10 +5,12 @@
  *
  * One row per image and seed of FIRST to LAST: how it was made, relMSE, what is stated, its ratio to the true one, and
  * that of the stated upper bound. PICTURES live ones; then those of `kinds`; then CACHED live ones by the finished
- * cache, under a sky that grows brighter and darker by a thousandth or two, which leaves the relMSE as it is. PASSES
- * pairs of 32 samples and 32 eye paths make the truth, which the file TRUTH keeps. BEFORE is a source that lights four
- * images before the first one: a sky that changes at once. */
+ * cache, under a sky that grows brighter and darker by a thousandth or two, which leaves the relMSE as it is. The
+ * truth has PASSES x 64 paths per pixel twice, which the file TRUTH keeps; twice PASSES images without bias tell
+ * aliasing. BEFORE is a source that lights four images before the first one: a sky that changes at once. */
 #include "base/mem.h"
+#include "chart/truth.h"
+#include "resolve/resolve.h"
 #include "film/film.h"
 #include "light/relight.h"
 #include "source/source.h"
@@ -33,6 +35,8 @@ struct rig {
     struct reason why;
     size_t values;
     float *half[2], *rgb; /* the truth, independently twice; a picture */
+    uint8_t *mask;        /* [height][width]: pixels that see a surface */
+    struct frame frame;   /* of `sky` */
 };
 
 static struct relight_desc live(uint64_t seed, bool first)
@@ -59,43 +63,70 @@ static bool load_truth(struct rig *r, const char *path)
     return all;
 }
 
+/* By paths with camera rays of their own (chart/truth.h). */
 static enum err make_truth(struct rig *r, int passes, const char *path)
 {
+    const struct truth_desc desc = { .set = r->set,
+                                     .environment = r->sky,
+                                     .frame = &r->frame,
+                                     .classes = PATH_ALL,
+                                     .samples = (uint32_t)passes * TRUTH_PART };
+    struct truth truth;
+    const enum err e = truth_make(&desc, &truth, &r->why);
+    FILE *f = !e && path && strcmp(path, "-") != 0 ? fopen(path, "wb") : NULL;
+
+    for (int k = 0; k < 2 && !e; k++) {
+        memcpy(r->half[k], truth.half[k], r->values * sizeof(float));
+        if (f && fwrite(r->half[k], sizeof(float), r->values, f) != r->values)
+            perror(path);
+    }
+    if (f)
+        fclose(f);
+    truth_finish(&truth);
+    return e;
+}
+
+/* Of pixels that see a surface; without the truth's own noise. */
+static double error_of(const struct rig *r, const float *rgb)
+{
+    double mean = 0.0, sum = 0.0;
+    size_t count = 0;
+
+    for (size_t v = 0; v < r->values; v++) {
+        mean += r->mask[v / 3] ? 0.5 * ((double)r->half[0][v] + (double)r->half[1][v]) : 0.0;
+        count += r->mask[v / 3];
+    }
+    mean /= (double)count;
+    for (size_t v = 0; v < r->values; v++) {
+        const double x = (double)rgb[v], a = (double)r->half[0][v], b = (double)r->half[1][v];
+        if (r->mask[v / 3])
+            sum += (x - a) * (x - b) / (0.25 * (a + b) * (a + b) + 1e-2 * mean * mean);
+    }
+    return sum / (double)count;
+}
+
+/* The error of an image without noise, which no audit knows of: one camera ray for each shading point. */
+static enum err print_aliasing(struct rig *r, int passes)
+{
     struct relighter *relighter = relighter_create(r->set, r->kernels);
-    struct relight_desc light = { .direct = { .method = METHOD_MIS, .samples = 32, .seed = 77, .why = &r->why },
+    float *sum = mem_alloc(r->values, sizeof(float));
+    struct relight_desc light = { .direct = { .method = METHOD_MIS, .samples = 32, .seed = 78, .why = &r->why },
                                   .classes = PATH_ALL,
                                   .eye_paths = 32 };
     struct relight_stats stats;
-    enum err e = relighter ? ERR_OK : ERR_NOMEM;
+    enum err e = relighter && sum ? ERR_OK : ERR_NOMEM;
 
     for (int i = 0; i < 2 * passes && !e; i++) {
         light.direct.pass = (uint64_t)i;
         e = relighter_run(relighter, r->sky, &light, r->rgb, &stats);
         for (size_t v = 0; v < r->values; v++)
-            r->half[i % 2][v] += r->rgb[v] / (float)passes;
+            sum[v] += r->rgb[v] / (2.0f * (float)passes);
     }
+    if (!e)
+        printf("aliasing: relMSE %.2e of the mean of %d passes\n", error_of(r, sum), 2 * passes);
     relighter_destroy(relighter);
-    FILE *f = !e && path && strcmp(path, "-") != 0 ? fopen(path, "wb") : NULL;
-    for (int k = 0; k < 2 && f; k++)
-        if (fwrite(r->half[k], sizeof(float), r->values, f) != r->values)
-            perror(path);
-    if (f)
-        fclose(f);
+    mem_free(sum);
     return e;
-}
-
-/* Without the truth's own noise. */
-static double error_of(const struct rig *r)
-{
-    double mean = 0.0, sum = 0.0;
-
-    for (size_t v = 0; v < r->values; v++)
-        mean += 0.5 * ((double)r->half[0][v] + (double)r->half[1][v]) / (double)r->values;
-    for (size_t v = 0; v < r->values; v++) {
-        const double x = (double)r->rgb[v], a = (double)r->half[0][v], b = (double)r->half[1][v];
-        sum += (x - a) * (x - b) / (0.25 * (a + b) * (a + b) + 1e-2 * mean * mean);
-    }
-    return sum / (double)r->values;
 }
 
 static const struct kind {
@@ -114,7 +145,7 @@ static const struct kind {
 
 static void print_row(const struct rig *r, uint64_t seed, const char *kind, const struct relight_stats *stats)
 {
-    const double is = error_of(r);
+    const double is = error_of(r, r->rgb);
 
     printf("seed %llu %s: relMSE %.2e states %.2e ratio %.2f bound %.2f rays %.1e of %.1e\n", (unsigned long long)seed,
            kind, is, stats->error, stats->error / is, stats->error_at_most / is, (double)stats->audited.rays,
@@ -221,7 +252,10 @@ static enum err make_sky(struct rig *r, const char *spec, double gain, struct en
         frame.rgb[i] *= (float)gain;
     if (!e)
         e = environment_update(*out, &frame, &r->why);
-    frame_finish(&frame);
+    if (out == &r->sky)
+        r->frame = frame;
+    else
+        frame_finish(&frame);
     return e;
 }
 
@@ -246,7 +280,12 @@ static enum err make(struct rig *r, char **argv)
     }
     if (!e && argv[7] && argv[8])
         e = make_sky(r, argv[8], 1.0, &r->before);
-    return e ? e : set_create(&set, &r->set, &r->why);
+    if (!e)
+        e = set_create(&set, &r->set, &r->why);
+    r->mask = mem_alloc(r->values / 3, 1);
+    if (!e && r->mask)
+        resolve_mask(r->set->gbuffer, r->mask);
+    return !e && !r->mask ? ERR_NOMEM : e;
 }
 
 int main(int argc, char **argv)
@@ -263,6 +302,8 @@ int main(int argc, char **argv)
     if (!e && !load_truth(&r, argv[7]))
         e = make_truth(&r, atoi(argv[6]), argv[7]);
     if (!e)
+        e = print_aliasing(&r, atoi(argv[6]));
+    if (!e)
         e = run_seeds(&r, first, last, atoi(argv[5]));
     if (e)
         fprintf(stderr, "%s\n", r.why.text[0] ? r.why.text : err_text(e));
@@ -274,5 +315,7 @@ int main(int argc, char **argv)
     mem_free(r.half[0]);
     mem_free(r.half[1]);
     mem_free(r.rgb);
+    mem_free(r.mask);
+    frame_finish(&r.frame);
     return e != ERR_OK;
 }

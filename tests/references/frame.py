@@ -5,8 +5,8 @@
 
 Without scenes: the built-in court, all of it matte, and the plaza of docs/examples/proof.py, whose sky with a sun is the default.
 Both programs have one thread. The error of each is its noise: relMSE, without the worst 2 % of pixels, against a reference of its
-own, of --reference samples a pixel by Cycles, kept as compare.sh keeps its pictures, and of four times as many a point by
-relight-render; how far the two references differ is printed first. Cycles' errors are less its reference's share. Its time at our
+own with other camera rays than its images, so that their aliasing counts, of --reference samples a pixel by Cycles, kept as
+compare.sh keeps its pictures, and of as many by relight-render --method path; how far the two references differ is printed first. Cycles' errors are less its reference's share. Its time at our
 error lies between its --counts, or beyond them by error ~ 1 / samples. Set-up is the time of an image of one sample. Medians
 of three seeds of ours. RELIGHT_BIN names the folder of the programs; left out, that of
 ./run. Exit code: 0, 1 a program failed, 2 usage, 77 no Blender.
@@ -71,7 +71,7 @@ class Case:
         script = f'. {HERE}/cycles.sh; cycles_picture "$@" >&2 && echo "$reference"'
         out = run("bash", "-c", script, "-", self.scene, self.sky, self.size, samples, *self.direct, "--seed", 1000)[1]
         kept = self.work / f"reference-{self.paths}.exr"
-        _, ours = self.ours(f"--samples {4 * samples}" + ("" if self.direct else f" --eye-paths {samples}"), 1000)
+        _, ours = self.ours(f"--method path --samples {samples}", 1000)
         shutil.move(ours, kept)
         self.reference = {"cycles": out.strip().splitlines()[-1], "ours": kept}
         return differ(kept, self.reference["cycles"])
