@@ -101,15 +101,21 @@ export function sunSentence(light, local = false) {
   return up >= 0 ? `${time}sun ${up}° high in the ${where}` : `${time}sun ${-up}° below the horizon in the ${where}`;
 }
 
-// The time that a computation has left by its pace so far: take(share, now) with shares of 0 to 1 and milliseconds; seconds, or null
-// while the pace is unknown. A share below the last one, or none, is another computation.
+// The time that a computation has left by its pace so far: take(share, now) with shares of 0 to 1 and milliseconds; seconds, which
+// never rise: a pace that falls leaves them until the work catches up. null while the pace is unknown. A share below the last one,
+// or none, is another computation.
 export class Pace {
   take(share, now) {
     if (typeof share !== 'number') this.first = null;
-    else if (!this.first || share < this.last) this.first = { share, now };
+    else if (!this.first || share < this.last) {
+      this.first = { share, now };
+      this.left = Infinity;
+    }
     this.last = share;
     const done = this.first ? share - this.first.share : 0;
-    return done > 0.05 && now > this.first.now ? ((1 - share) / done) * ((now - this.first.now) / 1000) : null;
+    if (!(done > 0.05 && now > this.first.now)) return null;
+    this.left = Math.min(this.left, ((1 - share) / done) * ((now - this.first.now) / 1000));
+    return this.left;
   }
 }
 

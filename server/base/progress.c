@@ -11,6 +11,7 @@
 #define REDRAW_MS 100
 #define LOG_MS 10000    /* without a terminal */
 #define KNOWN_FROM 0.02 /* share of the work; before, the time left would be a guess of hours */
+#define PACED 0.05      /* likewise, since pace_take was first called */
 
 /* A terminal has one last line, so one flag suffices. */
 static _Atomic bool line_shown;
@@ -101,6 +102,18 @@ void progress_part_end(struct progress_part *part)
 {
     if (part && part->line)
         part->line->part = NULL;
+}
+
+double pace_take(struct pace *p, double share, double now_s)
+{
+    if (p->share == 0.0 || share < p->last)
+        *p = (struct pace){ .share = share, .begun_s = now_s };
+    p->last = share;
+    if (share >= p->share + PACED) {
+        const double left_s = (now_s - p->begun_s) * (1.0 - share) / (share - p->share);
+        p->left_s = p->left_s > 0.0 ? fmin(p->left_s, left_s) : left_s;
+    }
+    return p->left_s;
 }
 
 void progress_end(struct progress *p)

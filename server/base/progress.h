@@ -35,6 +35,16 @@ void progress_part_begin(struct progress_part *part, struct progress *line, uint
 void progress_part_step(struct progress_part *part, uint64_t steps);
 void progress_part_end(struct progress_part *part);
 
+/* The time that a computation has left by its pace so far. Zero it first. */
+struct pace {
+    double share, begun_s; /* when it was first asked for; share 0: not yet */
+    double last, left_s;   /* of the last call; left_s 0: unknown */
+};
+
+/* share: done, 0..1. Seconds, which never rise: a pace that falls leaves them until the work catches up. 0: not known
+ * yet. A share below the last one is another computation. */
+double pace_take(struct pace *p, double share, double now_s);
+
 void progress_end(struct progress *p); /* wipes the line; p may be NULL */
 
 /* Draws the caller's own line at once; "" wipes it. */

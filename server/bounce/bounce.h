@@ -31,6 +31,7 @@
 #include <stdint.h>
 
 struct bounce;
+struct precedence;
 struct progress;
 struct cache_share;
 
@@ -48,6 +49,7 @@ struct bounce_desc {
                    0 */
     struct progress *progress;       /* NULL, or stepped bounce_steps times in all */
     const atomic_bool *cancel;       /* NULL, or a flag that ends the building (base/cancel.h) */
+    const struct precedence *urgent; /* the building gives way to this work (base/precedence.h); NULL: there is none */
     const struct cache_share *share; /* other processes that build the same cache (cache/cache_share.h); NULL: none */
 };
 

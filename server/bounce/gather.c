@@ -6,6 +6,7 @@
 #include "bounce/smooth.h"
 #include "base/denormals.h"
 #include "base/mem.h"
+#include "base/precedence.h"
 #include "cache/cache_share.h"
 #include "cache/memory.h"
 
@@ -138,6 +139,7 @@ static double gather_point(struct gatherer *g, const struct point *p, uint64_t s
     struct rng rng = { rng_mix(seed, 2 + turn->first) };
     double near = 0.0;
 
+    precedence_give_way(g->build->desc->urgent);
     for (int part = 0; part < (p->rows > 1 ? 2 : 1); part++)
         for (uint32_t i = turn->first; i < turn->until; i++) {
             double row[TRANSPORT_ROWS];

@@ -5,6 +5,7 @@
 #include "base/denormals.h"
 #include "base/half.h"
 #include "base/mem.h"
+#include "base/precedence.h"
 
 #include <cblas.h>
 
@@ -190,6 +191,7 @@ static uint64_t light_record(const struct bounce_build *b, uint32_t r)
     struct ray16 ray;
     uint64_t rays = 0;
 
+    precedence_give_way(b->desc->urgent);
     set_origins(spots, &ray);
     for (uint32_t c = 0; c < SKY_CELLS; c += TOGETHER) {
         float out[TOGETHER];
@@ -223,6 +225,7 @@ enum err bounce_light_records(struct bounce_build *b)
 static void trace_record(const struct bounce_build *b, const struct bounce_world *w, uint32_t r,
                          struct bounce_ends *ends)
 {
+    precedence_give_way(b->desc->urgent);
     for (uint32_t k = 0; k < BOUNCE_SPOTS * RAYS_OF_SPOT; k++) {
         const struct bounce_spot *s = &b->records.spots[(size_t)r * BOUNCE_SPOTS + k % BOUNCE_SPOTS];
         const uint64_t seed = rng_mix(b->desc->seed, s->key);

@@ -2,7 +2,6 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "base/progress.h"
 #include "daemon/shared.h"
 #include "daemon/state.h"
 
@@ -51,7 +50,7 @@ static void show_status(struct shared *shared)
         progress_show(stderr, text);
 }
 
-/* How far the cache is, and the time left by its pace so far. */
+/* How far the cache is, and the time left. */
 static void log_progress(struct housekeeping_thread *t)
 {
     const double share = status_cache_share(&t->shared->status);
@@ -59,19 +58,18 @@ static void log_progress(struct housekeeping_thread *t)
     char left[48] = "";
 
     if (!(share > 0.0 && share < 1.0)) {
-        t->begun_ms = t->logged_ms = 0;
+        t->logged_ms = 0;
+        t->pace = (struct pace){ .share = 0.0 };
         return;
     }
-    if (t->begun_ms == 0 || share < t->begun_share) {
-        t->begun_ms = t->logged_ms = now_ms;
-        t->begun_share = share;
-    }
+    const double left_s = pace_take(&t->pace, share, 1e-3 * (double)now_ms);
+    if (t->logged_ms == 0)
+        t->logged_ms = now_ms;
     if (now_ms - t->logged_ms < PROGRESS_MS)
         return;
     t->logged_ms = now_ms;
-    if (share > t->begun_share + 0.1) /* else the pace is not known yet */
-        snprintf(left, sizeof(left), ", about %.0f s left",
-                 1e-3 * (double)(now_ms - t->begun_ms) * (1.0 - share) / (share - t->begun_share));
+    if (left_s > 0.0)
+        snprintf(left, sizeof(left), ", about %.0f s left", left_s);
     log_info("light-transport cache: %.0f %% computed%s", 100.0 * share, left);
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "base/err.h"
+#include "base/progress.h"
 
 #include <pthread.h>
 #include <stdbool.h>
@@ -17,11 +18,11 @@ struct housekeeping_thread {
     struct state_file *state;
     pthread_t thread;
     bool running;
-    unsigned turns;              /* iterations of its loop */
-    int64_t late_ms;             /* begun_ms of the image that was reported as late; 0: none */
-    bool terminal;               /* standard error is a terminal */
-    int64_t begun_ms, logged_ms; /* when a cache's computation was first seen, and last logged; 0: none is running */
-    double begun_share;          /* its share at that time */
+    unsigned turns;    /* iterations of its loop */
+    int64_t late_ms;   /* begun_ms of the image that was reported as late; 0: none */
+    bool terminal;     /* standard error is a terminal */
+    int64_t logged_ms; /* when a cache's computation was last logged or first seen; 0: none is running */
+    struct pace pace;  /* of that */
 };
 
 /* shared and state must outlive the thread, which ends when shared_is_stopping. ERR_NOMEM: no thread. Main thread. */

@@ -24,7 +24,7 @@ struct history {
     bool moved;          /* the cache's light did, in this picture */
     bool has_cache;      /* `cache` is that of the last picture */
     bool still;          /* the sky is that of the last picture */
-    bool slow;           /* history_slow, for this picture */
+    bool slow;           /* this picture may begin a glide */
     bool shows;          /* `shown` is light with this key */
     unsigned glide;      /* steps still to take */
     float *half[2];      /* B, [packets][3][16], as what follows */
@@ -129,27 +129,24 @@ static void list_packets(struct history *h)
     }
 }
 
-void history_begin(struct history *h, uint64_t key)
+void history_begin(struct history *h, uint64_t key, bool glides)
 {
     if (h->key != key) {
         memset(h->count, 0, h->packets * sizeof(*h->count));
         memset(h->groups, 0, group_count(h) * sizeof(*h->groups));
         h->has_cache = h->shows = false;
-        h->glide = 0;
     }
+    if (h->key != key || !glides)
+        h->glide = 0;
     h->key = key;
-    h->followed = h->still = h->moved = h->slow = false;
+    h->followed = h->still = h->moved = false;
+    h->slow = glides;
     list_packets(h);
 }
 
-void history_slow(struct history *h)
+unsigned history_glides(const struct history *h)
 {
-    h->slow = true;
-}
-
-bool history_glides(const struct history *h)
-{
-    return h->glide > 0;
+    return h->glide;
 }
 
 void history_hold(struct history *h, bool still)
@@ -288,6 +285,34 @@ static void add_group(struct history *h, uint32_t g, const uint32_t *due, uint32
         add_packet(h, due[i], sums->own < sums->off && !h->still ? sums->own / sums->off : 1.0);
 }
 
+/* The mean light of a moving sky, by colour, before B's groups are compared with the samples: a group's noise hides
+ * what all have lost. The correction has the weight of the change against the variance of the samples' sum: that of
+ * independent samples or, if more, of the two halves' sums, which have what pixels share. */
+static void follow_mean(struct history *h)
+{
+    const float *a = denoiser_half(h->denoiser, 0), *b = denoiser_half(h->denoiser, 1);
+    double now[3] = { 0.0 }, was[3] = { 0.0 }, noise[3] = { 0.0 }, all[3] = { 0.0 };
+    float gain[3];
+
+    for (size_t k = 0; k < h->packets * FLOATS; k++) {
+        const size_t c = k / PACKET % 3;
+        const double apart = (double)a[k] - (double)b[k];
+        now[c] += 0.5 * ((double)a[k] + (double)b[k]);
+        was[c] += 0.5 * ((double)h->half[0][k] + (double)h->half[1][k]);
+        noise[c] += 0.25 * apart * apart;
+        all[c] += 0.5 * apart;
+    }
+    for (int c = 0; c < 3; c++) {
+        const double by = now[c] - was[c], variance = fmax(noise[c], all[c] * all[c]);
+        const double share = by != 0.0 ? fmax(0.0, 1.0 - variance / (by * by)) : 0.0;
+        gain[c] = was[c] > 0.0 ? (float)(1.0 + share * by / was[c]) : 1.0f;
+    }
+#pragma omp parallel for schedule(static)
+    for (size_t k = 0; k < h->packets * FLOATS; k++)
+        for (int half = 0; half < 2; half++)
+            h->half[half][k] *= gain[k / PACKET % 3];
+}
+
 void history_add(struct history *h, const float *scale)
 {
     const uint32_t *due = h->due_index;
@@ -297,6 +322,8 @@ void history_add(struct history *h, const float *scale)
 
     if (!first) /* the samples are lost */
         return;
+    if (h->shows && !h->followed && !h->still)
+        follow_mean(h);
     h->scale = scale ? scale : h->shown;
     h->soft = softness(h);
     for (uint32_t g = 0; g <= groups; g++) {

@@ -38,19 +38,17 @@ struct history;
 struct history *history_create(const struct gbuffer *g, struct denoiser *denoiser);
 void history_destroy(struct history *h); /* NULL is allowed */
 
-/* Begins a picture with the light that `key` identifies; a key other than the last picture's discards the history. */
-void history_begin(struct history *h, uint64_t key);
+/* Begins a picture with the light that `key` identifies; a key other than the last picture's discards the history.
+ * glides: without a cache, the displayed light moves to this picture's in HISTORY_GLIDE steps, of which history_show
+ * takes the first, unless light of another key was displayed before. Else a glide ends. */
+void history_begin(struct history *h, uint64_t key, bool glides);
 
 /* `still`: the sky is the last picture's; B is then still correct, and w is n / (n + 1). Unless it glides, the
  * displayed light then moves a quarter of the way to the filter's output. Without a cache only. */
 void history_hold(struct history *h, bool still);
 
-/* After history_begin: the light moves to this picture's in HISTORY_GLIDE steps, of which history_show takes the first,
- * unless light of another key was displayed before. */
-void history_slow(struct history *h);
-
-/* Whether steps are left. */
-bool history_glides(const struct history *h);
+/* The steps that are left. */
+unsigned history_glides(const struct history *h);
 
 /* Instead of history_add and history_show, while steps are left: takes the next one, and writes the light to lo, as
  * history_show does. */

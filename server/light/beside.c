@@ -27,7 +27,7 @@ struct beside {
     float *shown;
     float *image, *rest; /* [images][height][width][3]; rest: splats without a shade point, summed over images */
     uint32_t pictures;   /* in rest: since the sky or the estimator changed */
-    uint64_t key, sky;   /* of the last image; sky: a digest */
+    uint64_t key;        /* of the last image */
     const struct relight_desc *grows; /* the image's, if stored paths are to grow; else NULL */
 };
 
@@ -81,30 +81,26 @@ bool beside_wanted(const struct set *set, const struct relight_desc *desc)
     return desc->remember && set->facts.casters > 0 && desc->classes & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
 }
 
-static void begin(struct beside *b, uint64_t key, const struct environment *e, enum relight_glide glide)
+static void begin(struct beside *b, uint64_t key, bool still, bool glides)
 {
-    const uint64_t sky = environment_digest(e);
-
-    history_begin(b->history, key);
-    if (glide == GLIDE_BEGIN)
-        history_slow(b->history);
-    history_hold(b->history, sky == b->sky);
-    if (key != b->key || sky != b->sky) {
+    still = still && b->pictures > 0;
+    history_begin(b->history, key, still && glides);
+    history_hold(b->history, still);
+    if (key != b->key || !still) {
         memset(b->rest, 0, b->images * b->values * sizeof(float));
         b->pictures = 0;
     }
     b->pictures++;
     b->key = key;
-    b->sky = sky;
 }
 
 void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
-                     const struct plan *plan, struct picture_passes *passes)
+                     const struct plan *plan, bool still, struct picture_passes *passes)
 {
     struct eye_paths_desc *eye = &passes->eye[0], *own = &passes->eye_beside;
 
     if (!passes->glides)
-        begin(b, (uint64_t)desc->classes << 8 | (uint64_t)plan->caustics << 4 | plan->indirect_caustics, e,
+        begin(b, (uint64_t)desc->classes << 8 | (uint64_t)plan->caustics << 4 | plan->indirect_caustics, still,
               desc->glide);
     passes->beside = b;
     b->grows = relight_plan_later(desc, plan) ? desc : NULL;
@@ -247,7 +243,7 @@ enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics 
     for (int k = 0; k < 2 && !result; k++)
         result = run_half(b, s, caustics, e, passes, k, stats);
     if (result || is_cancelled(cancel)) {
-        b->sky = 0; /* rest has a part of this picture: it begins anew */
+        b->pictures = 0; /* rest has a part of this picture: it begins anew */
         return result;
     }
     const float *const stored[2] = { b->stored[0], b->stored[1] };

@@ -28,10 +28,11 @@ void beside_destroy(struct beside *b); /* NULL is allowed */
 /* Whether images of desc need a struct beside: live, of a scene with mirrors or glass. */
 bool beside_wanted(const struct set *set, const struct relight_desc *desc);
 
-/* Begins an image under e. Moves caustics by eye paths, and everything but interreflection behind mirrors and glass,
- * from its passes to eye_beside, with a limit for the contribution of a path. */
+/* Begins an image under e; still: it is the last image's sky. Moves caustics by eye paths, and everything but
+ * interreflection behind mirrors and glass, from its passes to eye_beside, with a limit for the contribution of a path.
+ */
 void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
-                     const struct plan *plan, struct picture_passes *passes);
+                     const struct plan *plan, bool still, struct picture_passes *passes);
 
 /* Adds the image's light to s->lo: stored paths, whose number grows by it, the particles of passes, and eye_beside.
  * Adds to *stats. ERR_NOMEM. */

@@ -1,7 +1,6 @@
 #include "light/decide.h"
 
 #include "base/log.h"
-#include "history/history.h"
 
 #include <math.h>
 
@@ -9,13 +8,11 @@
 #define FIRST_SAMPLES 8     /* of a denoised picture, */
 #define FIRST_OF_ALL 4      /* of the very first one, which no audit delays, */
 #define FIRST_PATHS 2       /* and its eye paths */
-#define HURRY_S 0.5         /* from the end of a glide to the next samples: the cache needs the processors, */
-#define AT_ONCE 2           /* but not before so many pictures (RELIGHT_GIVE_WAY_S) */
-#define BUILDING_SHARE 0.35 /* of the time, for pictures by the cache while it is being computed, */
-#define BUILDING_S 1.0      /* and the longest time from one to the next */
+#define BUILDING_SHARE 0.35 /* of the time, for pictures while the cache is being computed, */
+#define BUILDING_S 1.0      /* with at most this time from one to the next, */
+#define AT_ONCE 2           /* after so many pictures */
 #define PICTURE_SHARE 0.9   /* of the time between two pictures that a measured picture may use, */
-#define CACHE_SHARE 0.75    /* while a cache is computed beside: it costs quality, not rate, */
-#define HURRY_SHARE 0.3     /* and of decider_interval_s */
+#define CACHE_SHARE 0.5     /* while a cache is computed beside: it costs quality, not rate */
 #define SAMPLES 64          /* N_s of the cache's frames, for what is traced of the sun */
 
 void decider_finish(struct decider *d)
@@ -69,11 +66,10 @@ static struct relight_desc denoised(const struct decider *d, const struct religh
 {
     struct relight_desc out = *light;
 
-    out.denoise = out.remember = true;
+    out.denoise = out.remember = out.glide = true;
     out.direct.samples = d->cache.pictures == 0 ? FIRST_OF_ALL : FIRST_SAMPLES;
     out.eye_paths = light->eye_paths ? light->eye_paths : FIRST_PATHS;
     out.audit = d->cache.pictures == 0 ? 0.0 : light->audit;
-    out.glide = d->cache.glide > 0 ? GLIDE_ON : d->cache.pictures > 0 ? GLIDE_BEGIN : GLIDE_NONE;
     return out;
 }
 
@@ -158,31 +154,24 @@ bool decider_is_computing(const struct decider *d, struct relighter *r)
 
 double decider_interval_s(const struct decider *d)
 {
-    if (!d->cache.begun || d->cache.share >= 1.0)
+    const bool denoised = d->cache.hurried && d->cache.pictures >= AT_ONCE && d->cache.glide == 0;
+
+    if (!d->cache.begun || d->cache.share >= 1.0 || !(d->cache.ready || denoised))
         return 0.0;
-    if (d->cache.ready)
-        return fmin(d->cache.picture_s / BUILDING_SHARE, BUILDING_S);
-    if (d->cache.glide > 0)
-        return 0.0;
-    return d->cache.hurried && d->cache.pictures >= AT_ONCE ? HURRY_S : 0.0;
+    return fmin(d->cache.picture_s / BUILDING_SHARE, d->cache.picture_s + BUILDING_S);
 }
 
 double decider_target_s(const struct decider *d, struct relighter *r, double interval_s)
 {
-    const double hurry_s = decider_interval_s(d);
-
-    if (hurry_s > 0.0)
-        return HURRY_SHARE * hurry_s;
     return (decider_is_computing(d, r) ? CACHE_SHARE : PICTURE_SHARE) * interval_s;
 }
 
-/* Of a picture by the cache. */
+/* Of a picture by the cache, or a denoised one with samples. */
 static void note_picture(struct decider *d, const struct relight_stats *stats)
 {
-    const double s = 1e-3 * (stats->shade_ms + stats->eye_ms + stats->light_ms + stats->resolve_ms);
+    const double s = 1e-3 * (stats->shade_ms + stats->eye_ms + stats->light_ms + stats->filter_ms + stats->resolve_ms);
 
     d->cache.picture_s += (d->cache.picture_s > 0.0 ? SMOOTH : 1.0) * (s - d->cache.picture_s);
-    d->cache.share = stats->cache_share;
 }
 
 /* Black skies and cancelled frames trace nothing, so they are not measured. */
@@ -229,8 +218,10 @@ static void follow_cache(struct decider *d, struct relighter *r, const struct fr
 
     d->cache.share = relighter_follow(r);
     d->cache.ready = d->cache.share >= enough && !(cancel && atomic_load(cancel));
-    if (d->cache.ready)
-        log_info("auto: the cache of light transport is used from here on");
+    if (!d->cache.ready)
+        return;
+    log_info("auto: the cache of light transport is used from here on");
+    d->cache.picture_s = 0.0; /* its pictures cost less */
 }
 
 /* By the clock: loads or computes the cache if that pays off. */
@@ -277,14 +268,12 @@ void decider_begin(struct decider *d, struct relighter *r, const struct frame_re
     get_cache(d, r, request, f.indirect); /* to compute it can wait for the first picture */
 }
 
-static void note_denoised(struct decider *d, enum relight_glide glide)
+static void note_denoised(struct decider *d, const struct relight_stats *stats)
 {
-    if (glide == GLIDE_ON)
-        d->cache.glide--;
-    else
-        d->cache.pictures++;
-    if (glide == GLIDE_BEGIN)
-        d->cache.glide = HISTORY_GLIDE - 1;
+    if (d->cache.glide == 0)
+        note_picture(d, stats);
+    d->cache.glide = stats->glides;
+    d->cache.pictures++;
 }
 
 void decider_learn(struct decider *d, struct relighter *r, const struct frame_request *request,
@@ -296,9 +285,10 @@ void decider_learn(struct decider *d, struct relighter *r, const struct frame_re
         d->cache.refused = true;
     } else if (decision->by == DECIDED_BY_CACHE) {
         note_picture(d, stats);
+        d->cache.share = stats->cache_share;
     }
     if (decision->by == DECIDED_BY_RULE && is_first(d, request)) {
-        note_denoised(d, decision->light.glide);
+        note_denoised(d, stats);
         if (d->cache.begun)
             follow_cache(d, r, request);
         else if (!request->no_cache)

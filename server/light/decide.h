@@ -45,10 +45,10 @@ struct decider {           /* zero it first; decider_finish frees it */
         uint64_t measured_frames;
         double sample_s, frame_s; /* seconds per light sample of a point, and per measured frame; smoothed */
         double spent_s;           /* on measured frames */
-        double picture_s;         /* seconds per picture with the partly computed cache; smoothed */
+        double picture_s;         /* seconds per picture beside its computation that takes samples; smoothed */
         double error;             /* requested relMSE, else that of the last measured frame */
         double share;             /* computed share, as of the last query */
-        unsigned glide;           /* pictures until the last denoised one is displayed in full */
+        unsigned glide;           /* relight_stats.glides of the last denoised picture */
         struct buy last;          /* the last decision; why NULL: none yet */
     } cache;
 };

@@ -382,8 +382,8 @@ static enum err run_points(struct relighter *r, const struct environment *e, con
     return result;
 }
 
-enum err relighter_run_passes(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
-                              float *rgb, struct relight_stats *stats, struct pass_costs *costs)
+static enum err run_passes(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
+                           float *rgb, struct relight_stats *stats, struct pass_costs *costs)
 {
     const bool dealt = r->team && relighter_can_deal(r, passes);
 
@@ -418,6 +418,15 @@ enum err relighter_run_passes(struct relighter *r, const struct environment *e, 
     return result;
 }
 
+enum err relighter_run_passes(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
+                              float *rgb, struct relight_stats *stats, struct pass_costs *costs)
+{
+    precedence_begin(&r->cache.urgent);
+    const enum err result = run_passes(r, e, passes, rgb, stats, costs);
+    precedence_end(&r->cache.urgent);
+    return result;
+}
+
 static struct denoiser *denoiser_of(struct relighter *r)
 {
     if (!r->denoiser)
@@ -445,7 +454,7 @@ static bool wants_history(struct relighter *r, const struct relight_desc *desc, 
     return false;
 }
 
-static enum err add_history(struct relighter *r, const struct relight_desc *desc, const struct plan *plan,
+static enum err add_history(struct relighter *r, const struct relight_desc *desc, const struct plan *plan, bool still,
                             struct picture_passes *passes)
 {
     if (!wants_history(r, desc, plan))
@@ -454,11 +463,9 @@ static enum err add_history(struct relighter *r, const struct relight_desc *desc
         r->history = history_create(r->set->gbuffer, r->denoiser);
     if (!r->history)
         return ERR_NOMEM;
-    history_begin(r->history, desc->classes);
-    if (desc->glide == GLIDE_BEGIN)
-        history_slow(r->history);
+    history_begin(r->history, desc->classes, still && desc->glide);
     passes->history = r->history;
-    passes->glides = desc->denoise && desc->glide == GLIDE_ON && history_glides(r->history);
+    passes->glides = history_glides(r->history) > 0;
     if (passes->denoiser) /* with random numbers of its own */
         passes->direct.pass = passes->eye[0].pass = passes->eye[1].pass = history_turn(r->history);
     return ERR_OK;
@@ -466,7 +473,7 @@ static enum err add_history(struct relighter *r, const struct relight_desc *desc
 
 /* Light that the points' history does not contain: it has its own history while pictures are live. */
 static enum err add_beside(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
-                           const struct plan *plan, struct picture_passes *passes)
+                           const struct plan *plan, bool still, struct picture_passes *passes)
 {
     if (!beside_wanted(r->set, desc)) {
         beside_destroy(r->beside);
@@ -477,7 +484,7 @@ static enum err add_beside(struct relighter *r, const struct environment *e, con
         r->beside = beside_create(r->set, r->denoiser);
     if (!r->beside)
         return ERR_NOMEM;
-    beside_describe(r->beside, e, desc, plan, passes);
+    beside_describe(r->beside, e, desc, plan, still, passes);
     const uint32_t later = relight_plan_later(desc, plan);
     return later ? relight_caustics_begin(&r->caustics, r->set, desc, later) : ERR_OK;
 }
@@ -497,6 +504,15 @@ static enum err run_with_progress(struct relighter *r, const struct environment 
     return result;
 }
 
+/* Whether the sky is that of the last live picture. */
+static bool sky_is_still(struct relighter *r, const struct environment *e)
+{
+    const uint64_t sky = environment_digest(e), before = r->sky;
+
+    r->sky = sky;
+    return sky == before;
+}
+
 enum err relighter_describe(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                             struct picture_passes *passes, struct relight_stats *stats)
 {
@@ -507,10 +523,11 @@ enum err relighter_describe(struct relighter *r, const struct environment *e, co
     relight_plan(r->set, r->cache.bounce.bounce, e, desc, relight_caustics_serve(&r->caustics), &stats->plan);
     relight_plan_passes(r->set, r->cache.bounce.bounce, r->passes.scratch, desc, &stats->plan, passes);
     result = relighter_denoiser(r, desc, &passes->denoiser);
+    const bool still = desc->remember && sky_is_still(r, e);
     if (!result)
-        result = add_history(r, desc, &stats->plan, passes);
+        result = add_history(r, desc, &stats->plan, still, passes);
     if (!result)
-        result = add_beside(r, e, desc, &stats->plan, passes);
+        result = add_beside(r, e, desc, &stats->plan, still, passes);
     if (!result && passes->denoiser)
         halve(passes);
     return result;
@@ -541,6 +558,7 @@ enum err relighter_run(struct relighter *r, const struct environment *e, const s
         result = run_with_progress(r, e, desc->progress, &passes, rgb, stats);
     if (!result)
         relighter_state_error(r, e, desc, false, rgb, stats);
+    stats->glides = r->history ? history_glides(r->history) : 0;
     return result;
 }
 

@@ -84,12 +84,6 @@ struct relight_whole {
     const char *bias; /* as in relight_stats */
 };
 
-enum relight_glide {
-    GLIDE_NONE,  /* new light is displayed at once */
-    GLIDE_BEGIN, /* in HISTORY_GLIDE pictures: this one, which takes samples, */
-    GLIDE_ON     /* and the next ones, which only move on; if there is nothing to move to they take samples, too */
-};
-
 struct relight_desc {
     struct direct_desc direct; /* seed, pass and cancel apply to all parts; a reference's samples are per pixel */
     uint32_t classes;          /* PATH_* of paths.h; 0: PATH_BACKGROUND | PATH_DIRECT */
@@ -108,7 +102,7 @@ struct relight_desc {
     bool remember;          /* live pictures: samples of earlier pictures count, too (history.h). With `denoise`, before
                                a cache exists; then until the cache is complete. Caustics (beside.h) keep this
                                afterwards, except with a ground */
-    enum relight_glide glide;          /* with `remember` and `denoise`, of pictures that are not the first */
+    bool glide;             /* under a still sky pictures with a filter glide (HISTORY_GLIDE) */
     struct progress *progress;         /* a progress line that the picture advances by one step; may be NULL. Not for
                                           references */
     const struct relight_whole *whole; /* METHOD_COMPONENTS; NULL: there is none */
@@ -150,6 +144,7 @@ struct relight_stats {           /* of one picture */
         uint64_t rays; /* for this picture */
         double ms;
     } audited;
+    unsigned glides;  /* pictures that will only move on to the light of this one's samples, if the sky stays */
     const char *bias; /* a description of the picture's bias; NULL: none */
 };
 

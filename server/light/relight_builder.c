@@ -12,12 +12,7 @@
 #include <omp.h>
 #include <pthread.h>
 #include <stdatomic.h>
-#include <sys/resource.h>
 #include <time.h>
-
-/* Niceness of the builder's threads, so that they use only the time that the images' threads leave over (relightd.c
- * leaves some). With 10, each parallel loop of an image still waits for a thread that yields too late. */
-#define NICENESS 19
 
 enum { QUICK, WHOLE, STAGES }; /* of interreflection */
 
@@ -28,6 +23,7 @@ struct relight_builder {
     struct transport_live *live;
     const struct transport *loaded;
     struct relight_keep keep;
+    const struct precedence *urgent;
     uint32_t threads;
     pthread_t thread;
     bool started;
@@ -45,13 +41,6 @@ struct relight_builder {
     struct reason why;
 };
 
-/* On Linux, niceness is per thread. OpenMP gives a thread the same helpers again and again. */
-void relight_stand_back(uint32_t threads)
-{
-#pragma omp parallel num_threads(threads)
-    setpriority(PRIO_PROCESS, 0, NICENESS);
-}
-
 static void tell_end(const struct transport *t, double seconds)
 {
     const struct transport_stats *s = transport_stats(t);
@@ -65,6 +54,14 @@ static void tell_end(const struct transport *t, double seconds)
 static const struct transport *layout_of(const struct relight_builder *b)
 {
     return b->loaded ? b->loaded : transport_live_layout(b->live);
+}
+
+static struct bounce_desc describe_bounce(const struct relight_builder *b)
+{
+    struct bounce_desc d = relight_bounce_describe(b->set, &b->light, layout_of(b));
+
+    d.urgent = b->urgent;
+    return d;
 }
 
 static void publish(struct relight_builder *b, struct bounce *made)
@@ -82,7 +79,7 @@ static void refuse_bounce(struct relight_builder *b, const char *why)
 /* A rough cache in some seconds. Without memory for it eye paths continue. */
 static void build_quick_bounce(struct relight_builder *b)
 {
-    struct bounce_desc d = relight_bounce_describe(b->set, &b->light, layout_of(b));
+    struct bounce_desc d = describe_bounce(b);
     const double start = clock_seconds();
     struct bounce *made = NULL;
     struct reason why;
@@ -101,7 +98,7 @@ static void build_whole_bounce(struct relight_builder *b)
     struct bounce *made = NULL;
     struct reason why;
 
-    b->described = relight_bounce_describe(b->set, &b->light, layout_of(b));
+    b->described = describe_bounce(b);
     b->described.progress = &b->progress[WHOLE];
     const enum err e = bounce_create(&b->described, b->kernels, &made, &why);
     if (e)
@@ -123,7 +120,7 @@ static bool load_bounce(struct relight_builder *b)
     struct bounce *made = NULL;
     struct reason why;
 
-    b->described = relight_bounce_describe(b->set, &b->light, layout_of(b));
+    b->described = describe_bounce(b);
     b->bounce_refused = relight_keep_load_bounce(&b->keep, b->kernels, &b->described, &made, &why) != ERR_OK;
     if (b->bounce_refused)
         refuse_bounce(b, why.text);
@@ -171,29 +168,18 @@ static void check_memory(struct relight_builder *b, const struct transport *t)
     }
 }
 
-static void give_way(const struct relight_builder *b)
-{
-    const double until_s = clock_seconds() + RELIGHT_GIVE_WAY_S;
-
-    while (clock_seconds() < until_s && !is_cancelled(&b->cancelled))
-        nanosleep(&(struct timespec){ .tv_nsec = 20000000 }, NULL);
-}
-
 static void *build_main(void *arg)
 {
     struct relight_builder *b = arg;
     const bool bounce = b->wanted && !load_bounce(b);
 
     atomic_store(&b->computes, bounce || !b->loaded);
-    if (bounce && b->light.cache_background)
-        give_way(b);
 
     omp_set_num_threads((int)b->threads);
     if (bounce)
         build_quick_bounce(b);
     if (!b->loaded)
         build_coarsely(b);
-    relight_stand_back(b->threads); /* there is something good to show: images come first from here on */
     if (bounce && !b->error && !is_cancelled(&b->cancelled))
         build_whole_bounce(b);
     const struct transport *t = b->loaded ? b->loaded : build_direct(b);
@@ -221,6 +207,7 @@ enum err relight_builder_create(const struct relight_builder_desc *desc, struct 
     b->light.direct.why = &b->why;
     b->keep = *desc->keep;
     b->loaded = desc->loaded;
+    b->urgent = desc->transport->urgent;
     b->threads = (uint32_t)omp_get_max_threads();
     b->wanted = relight_bounce_wanted(b->set, &b->light);
     for (int k = 0; k < STAGES; k++)

@@ -8,18 +8,12 @@
 
 struct relight_builder;
 
-/* Before it begins with what takes long, so that a second image can follow the first at once. */
-#define RELIGHT_GIVE_WAY_S 1.0
-
-/* Permanently gives the calling thread and its OpenMP helpers the lowest priority. */
-void relight_stand_back(uint32_t threads);
-
 /* The request; set and kernels must outlive the builder. */
 struct relight_builder_desc {
     const struct set *set;
     const struct kernels *kernels;
-    const struct relight_desc *light; /* copied */
-    const struct transport_desc *transport;
+    const struct relight_desc *light;       /* copied */
+    const struct transport_desc *transport; /* `urgent` precedes interreflection, too */
     const struct relight_keep *keep;
     const struct transport *loaded; /* the cache of direct light if it exists already; else NULL */
 };

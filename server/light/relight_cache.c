@@ -17,10 +17,13 @@
     4 /* at most, of points that are lit by other means for some seconds: the frames take time from                    \
        * what ends that */
 
+#define FIRST_S 1.0 /* for the second image, right after the first, before the builder's work */
+
 void relight_cache_finish(struct relight_cache *c)
 {
     const bool lives = c->builder && relight_builder_live(c->builder); /* then the transport goes with it */
 
+    precedence_end(&c->urgent);
     relight_builder_destroy(c->builder); /* which may be reading c->bounce */
     relight_bounce_finish(&c->bounce);
     if (!lives)
@@ -176,6 +179,8 @@ static enum err load_or_make(struct relight_cache *c, const struct set *set, con
 {
     struct transport_desc t = transport_of(desc);
 
+    precedence_init(&c->urgent, FIRST_S);
+    t.urgent = &c->urgent;
     c->no_visibility = desc->direct.no_visibility;
     c->max_bytes = desc->cache_bytes;
     const double start = clock_seconds();

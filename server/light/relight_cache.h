@@ -2,6 +2,7 @@
  * Thread: one. */
 #pragma once
 
+#include "base/precedence.h"
 #include "light/relight.h"
 #include "light/relight_bounce.h"
 #include "light/relight_keep.h"
@@ -14,6 +15,7 @@ struct relight_cache {               /* zero it first */
     struct transport *transport;     /* the builder's if there is one */
     struct relight_builder *builder; /* computes it in the background, or has finished */
     bool building;                   /* the builder has not finished */
+    struct precedence urgent;        /* of images over it */
     struct relight_bounce bounce;    /* of the same packets */
     struct relight_keep keep;        /* the file of both */
     const struct cache_share *share; /* other processes that have the same cache; NULL: none. Stays when it is freed */

@@ -7,15 +7,16 @@
 #include "base/threads.h"
 #include "base/rng.h"
 #include "filter/filter.h"
-#include "light/relight_builder.h"
 #include "resolve/resolve.h"
 
 #include <omp.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <string.h>
+#include <sys/resource.h>
 
 #define BATCH_MOST 4 /* samples per shading point between two images, of either half */
+#define NICENESS 19  /* then: images come first */
 #define URGENT 4     /* samples for which the thread does not stand back: without lamps an image may be black */
 
 struct relight_lamps {
@@ -175,6 +176,13 @@ enum err relight_lamps_complete(struct relight_lamps *l, bool progress, struct r
     return ERR_OK;
 }
 
+/* On Linux, niceness is per thread. OpenMP gives a thread the same helpers again and again. */
+static void stand_back(uint32_t threads)
+{
+#pragma omp parallel num_threads(threads)
+    setpriority(PRIO_PROCESS, 0, NICENESS);
+}
+
 static void *refine_main(void *arg)
 {
     struct relight_lamps *l = arg;
@@ -184,7 +192,7 @@ static void *refine_main(void *arg)
     while (good && !is_done(l)) {
         const double start = clock_seconds();
         if (urgent && l->done.samples >= URGENT) {
-            relight_stand_back(l->threads);
+            stand_back(l->threads);
             urgent = false;
         }
         good = refine(l);

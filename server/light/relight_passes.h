@@ -22,7 +22,7 @@ struct picture_passes {
     struct eye_paths_desc eye[2];      /* paths 0: omitted */
     struct light_tracer_desc light[2]; /* particles 0: omitted */
     struct denoiser *denoiser; /* not NULL: `direct` and `eye` run twice with their counts, for filtering (denoise.h) */
-    bool glides;               /* the histories only move on: nothing is sampled (GLIDE_ON) */
+    bool glides;               /* the histories only move on: nothing is sampled */
     struct history *history;   /* not NULL: takes the halves, or samples in addition to the cache (history.h) */
     struct beside *beside;     /* not NULL: runs `stored`, `light` and eye_beside (beside.h) */
     struct eye_paths_desc eye_beside; /* paths 0: omitted */

@@ -18,7 +18,8 @@ struct relighter {
     struct denoiser *denoiser; /* this and the next two: NULL until a picture needs them */
     struct history *history;
     struct beside *beside;
-    struct stated *stated; /* NULL until a picture states its error */
+    struct stated *stated;         /* NULL until a picture states its error */
+    uint64_t sky;                  /* the last live picture's: a digest */
     const float *points;           /* the picture's shade points */
     const struct light_team *team; /* NULL: this process lights the points alone */
     bool half;                     /* round them to half floats */

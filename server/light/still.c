@@ -99,8 +99,7 @@ static struct relight_desc unbiased(const struct still *s, const struct relight_
     d.direct.seed = rng_mix(d.direct.seed, 0x7374696c6c);
     d.direct.pass = s->passes;
     d.denoise = d.remember = false; /* passes are independent of each other */
-    d.glide = GLIDE_NONE;
-    d.audit = 0.0; /* their scatter states the error */
+    d.audit = 0.0;                  /* their scatter states the error */
     return d;
 }
 

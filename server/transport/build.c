@@ -2,6 +2,7 @@
 
 #include "base/cancel.h"
 #include "base/mem.h"
+#include "base/precedence.h"
 #include "cache/cache_share.h"
 #include "cache/memory.h"
 #include "base/progress.h"
@@ -101,6 +102,7 @@ static enum err build_block(const struct build *b, struct bench *bench, struct t
     uint8_t known[SKY_CELLS];
     enum err e = ERR_OK;
 
+    precedence_give_way(b->desc.urgent);
     block->sight = mem_alloc(1, sizeof(*block->sight));
     if (!block->sight)
         return ERR_NOMEM;

@@ -34,6 +34,7 @@
 
 struct transport;
 struct transport_indirect;
+struct precedence;
 struct progress;
 struct cache_share;
 
@@ -48,6 +49,7 @@ struct transport_desc {
     bool no_visibility;              /* V = 1 */
     struct progress *progress;       /* NULL, or stepped transport_steps times in all */
     const atomic_bool *cancel;       /* NULL, or a flag that ends the building (base/cancel.h) */
+    const struct precedence *urgent; /* the building gives way to this work (base/precedence.h); NULL: there is none */
     const struct cache_share *share; /* other processes that build the same cache (cache/cache_share.h); NULL: none */
 };
 

@@ -126,11 +126,12 @@ test('the time left follows the pace since the computation began', () => {
   assert.equal(pace.take(0.1, 1000), null);
   assert.equal(pace.take(0.12, 3000), null); // too little to tell
   assert.ok(Math.abs(pace.take(0.3, 5000) - 14) < 1e-9); // 0.2 in four seconds, 0.7 to go
-  assert.ok(Math.abs(pace.take(0.5, 7000) - 7.5) < 1e-9);
-  assert.equal(pace.take(0.2, 8000), null); // another camera's cache
-  assert.ok(Math.abs(pace.take(0.6, 12000) - 4) < 1e-9);
-  assert.equal(pace.take(null, 13000), null);
-  assert.equal(pace.take(0.6, 14000), null);
+  assert.ok(Math.abs(pace.take(0.5, 9000) - 10) < 1e-9);
+  assert.ok(Math.abs(pace.take(0.51, 19000) - 10) < 1e-9); // slower: it never rises, but for another cache
+  assert.equal(pace.take(0.2, 20000), null); // another camera's cache
+  assert.ok(Math.abs(pace.take(0.3, 27000) - 49) < 1e-9);
+  assert.equal(pace.take(null, 28000), null);
+  assert.equal(pace.take(0.6, 29000), null);
 });
 
 test('the light sentence gives noise, progress and what was left out', () => {

@@ -3,13 +3,17 @@
 
 #include "support/unit.h"
 
+#include "base/clock.h"
 #include "base/err.h"
 #include "base/handoff.h"
 #include "base/mem.h"
 #include "base/progress.h"
+#include "base/precedence.h"
 #include "base/recent.h"
 
 #include <fcntl.h>
+#include <math.h>
+#include <pthread.h>
 #include <unistd.h>
 
 /* ---- Memory ---- */
@@ -138,6 +142,54 @@ static void every_code_has_its_own_words(void **state)
     assert_int_equal(err_exit_code(ERR_OK), 0);
     assert_int_equal(err_exit_code(ERR_USAGE), 2);
     assert_int_equal(err_exit_code(ERR_FORMAT), 1);
+}
+
+/* ---- Time left ---- */
+
+static void the_time_left_never_rises(void **state)
+{
+    struct pace p = { .share = 0.0 };
+    double left_s;
+    (void)state;
+
+    assert_true(pace_take(&p, 0.1, 1.0) == 0.0);
+    assert_true(pace_take(&p, 0.12, 3.0) == 0.0); /* too little to tell */
+    assert_true(fabs(pace_take(&p, 0.3, 5.0) - 14.0) < 1e-9);
+    left_s = pace_take(&p, 0.5, 9.0);
+    assert_true(fabs(left_s - 10.0) < 1e-9);
+    for (int k = 1; k < 10; k++) /* a tenth of the pace, as on a machine that has got other work */
+        assert_true(pace_take(&p, 0.5 + 0.005 * k, 9.0 + k) == left_s);
+    assert_true(pace_take(&p, 0.95, 20.0) < left_s);
+    assert_true(pace_take(&p, 0.2, 21.0) == 0.0); /* another cache */
+    assert_true(fabs(pace_take(&p, 0.3, 28.0) - 49.0) < 1e-9);
+}
+
+/* ---- Precedence ---- */
+
+static void *give_way(void *arg)
+{
+    precedence_give_way(arg);
+    return NULL;
+}
+
+/* Long work waits for urgent work, though no longer than it had run: also if urgent work never ends. */
+static void long_work_gives_way_for_a_time(void **state)
+{
+    struct precedence p;
+    pthread_t thread;
+    (void)state;
+
+    precedence_give_way(NULL);
+    precedence_init(&p, 1e6);
+    precedence_give_way(&p);
+    precedence_begin(&p);
+    assert_true(atomic_load(&p.until_s) > clock_seconds() + 1e5);
+    assert_int_equal(pthread_create(&thread, NULL, give_way, &p), 0);
+    precedence_end(&p);
+    pthread_join(thread, NULL);
+    precedence_begin(&p); /* at once again: it has run for next to no time */
+    precedence_give_way(&p);
+    precedence_end(&p);
 }
 
 /* ---- The progress line ---- */
@@ -360,6 +412,8 @@ static void closing_wakes_who_waits(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(the_time_left_never_rises),
+    cmocka_unit_test(long_work_gives_way_for_a_time),
     cmocka_unit_test(memory_is_aligned_and_zero),
     cmocka_unit_test(large_blocks_are_zero_and_on_large_pages),
     cmocka_unit_test(sizes_that_overflow_are_refused),

@@ -44,7 +44,7 @@ static void rig_finish(struct rig *r)
 /* A picture of due packets that all find a and b in the two halves. cache: its light everywhere; below 0: none. */
 static void picture(struct rig *r, float cache, float a, float b)
 {
-    history_begin(r->history, 1);
+    history_begin(r->history, 1, false);
     for (size_t i = 0; i < r->floats; i++)
         r->cache[i] = cache;
     if (cache >= 0.0f)
@@ -83,8 +83,7 @@ static void light_without_a_cache_glides(void **state)
 
     picture(&r, -1.0f, 1.0f, 1.0f);
     was[1] = was[2] = shown(&r);
-    history_begin(r.history, 1);
-    history_slow(r.history);
+    history_begin(r.history, 1, true);
     for (size_t i = 0; i < r.floats; i++) {
         denoiser_half(r.denoiser, 0)[i] = 1.2f;
         denoiser_half(r.denoiser, 1)[i] = 1.6f;
@@ -99,13 +98,12 @@ static void light_without_a_cache_glides(void **state)
         was[2] = shown(&r);
         assert_true(fabsf(was[2] - 2.0f * was[1] + was[0]) < 0.4f * 6.0f / (HISTORY_GLIDE * HISTORY_GLIDE) + 1e-4f);
         assert_true(history_glides(r.history));
-        history_begin(r.history, 1);
+        history_begin(r.history, 1, true);
         history_glide(r.history, r.lo);
     }
     assert_false(history_glides(r.history));
     assert_true(shown(&r) > 1.15f && shown(&r) < 1.45f);
-    history_begin(r.history, 2);
-    history_slow(r.history); /* other light is displayed at once */
+    history_begin(r.history, 2, true); /* other light is displayed at once */
     history_add(r.history, NULL);
     history_show(r.history, NULL, r.lo);
     assert_false(history_glides(r.history));
@@ -114,7 +112,7 @@ static void light_without_a_cache_glides(void **state)
 
 static void show_halves(struct rig *r, bool still, float a, float b)
 {
-    history_begin(r->history, 1);
+    history_begin(r->history, 1, false);
     history_hold(r->history, still);
     for (size_t i = 0; i < r->floats; i++) {
         denoiser_half(r->denoiser, 0)[i] = a;
@@ -154,14 +152,14 @@ static void noise_becomes_the_plain_mean(void **state)
 
     picture(&r, -1.0f, 1.5f, 0.5f);
     assert_float_equal(shown(&r), 1.0, 0.05);
-    picture(&r, -1.0f, 4.0f, 4.0f); /* V = 0: what is known is wrong, and forgotten */
+    picture(&r, -1.0f, 4.0f, 4.0f); /* V = 0: the sky is brighter, and what is known with it */
     assert_float_equal(shown(&r), 4.0, 0.05);
-    picture(&r, -1.0f, 5.0f, 3.0f); /* D = 0: (1 * 4 + 4) / 2 */
+    picture(&r, -1.0f, 5.0f, 3.0f); /* D = 0: (2 * 4 + 4) / 3 */
     assert_float_equal(shown(&r), 4.0, 0.05);
-    picture(&r, -1.0f, 8.0f, 3.0f); /* D = 1.5^2 < V = 2.5^2: n / (n + 1) = 2 / 3 */
-    assert_float_equal(shown(&r), 4.0 + 1.5 / 3.0, 0.05);
-    picture(&r, -1.0f, 8.5f, 6.5f); /* D = 3^2, V = 1: w = 1 / 9 */
-    assert_float_equal(shown(&r), 7.5 - 3.0 / 9.0, 0.05);
+    picture(&r, -1.0f, 8.0f, 3.0f); /* D = 1.5^2 < V = 2.5^2: n / (n + 1) = 3 / 4 */
+    assert_float_equal(shown(&r), 4.0 + 1.5 / 4.0, 0.05);
+    picture(&r, -1.0f, 8.5f, 6.5f); /* 3.125 more, V = 1: 1 - 1 / 3.125^2 of it for all, then n / (n + 1) = 4 / 5 */
+    assert_float_equal(shown(&r), 7.5 - 0.32 * 0.8, 0.05);
     rig_finish(&r);
 }
 
@@ -223,7 +221,7 @@ static double beyond_edge(int farther)
     for (int turn = 0; turn < STAY + 2 * SWEEP; turn++) {
         const int step = turn < STAY ? 0 : turn < STAY + SWEEP ? turn - STAY : STAY + 2 * SWEEP - turn;
         const int edge = 20 + PER_PICTURE * step;
-        history_begin(r.history, 1);
+        history_begin(r.history, 1, false);
         for (size_t i = 0; i < r.floats; i++) {
             r.cache[i] = light_at(i / (3 * PACKET), edge + farther);
             denoiser_half(r.denoiser, 0)[i] = denoiser_half(r.denoiser, 1)[i] = light_at(i / (3 * PACKET), edge);
@@ -284,7 +282,7 @@ static void another_key_forgets_all(void **state)
     (void)state;
 
     picture(&r, -1.0f, 8.0f, 2.0f);
-    history_begin(r.history, 2);
+    history_begin(r.history, 2, false);
     for (size_t i = 0; i < r.floats; i++)
         denoiser_half(r.denoiser, 0)[i] = denoiser_half(r.denoiser, 1)[i] = 1.0f;
     history_add(r.history, NULL);
@@ -363,7 +361,7 @@ static double error_beside_cache(float truth)
         r.cache[i] = 2.0f;
     for (int turn = 0; turn < 9 * HISTORY_TURNS - 1;
          turn++) { /* the last ones until the eighth filter's output shows */
-        history_begin(r.history, 1);
+        history_begin(r.history, 1, false);
         history_follow(r.history, r.cache);
         for (size_t i = 0; i < r.floats; i += 3 * PACKET)
             for (int half = 0; half < 2; half++) {

@@ -312,7 +312,6 @@ static void passes_are_those_of_an_image_without_a_filter(void **state)
     make(s, &light, s->first);
     for (int k = 0; k < 2; k++) {
         light.denoise = light.remember = k == 1;
-        light.glide = k == 1 ? GLIDE_BEGIN : GLIDE_NONE;
         still_begin(s->still, s->first);
         for (int i = 0; i < 3; i++)
             assert_int_equal(still_pass(s->still, s->sky, &light), ERR_OK);
