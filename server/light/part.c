@@ -66,6 +66,16 @@ const struct packet_list *relighter_left(const struct relighter *r)
     return r->cache.bounce.bounce ? bounce_left(r->cache.bounce.bounce) : NULL;
 }
 
+const struct set *relighter_set(const struct relighter *r)
+{
+    return r->set;
+}
+
+const float *relighter_points(const struct relighter *r)
+{
+    return r->points;
+}
+
 const struct transport *relighter_cache(const struct relighter *r)
 {
     return r->cache.transport;

@@ -53,11 +53,6 @@ void relighter_destroy(struct relighter *r)
     mem_free(r);
 }
 
-const struct set *relighter_set(const struct relighter *r)
-{
-    return r->set;
-}
-
 static size_t points_bytes(const struct relighter *r)
 {
     return (size_t)r->set->gbuffer->packet_count * 3 * PACKET * sizeof(float);
@@ -504,13 +499,11 @@ static enum err run_with_progress(struct relighter *r, const struct environment 
     return result;
 }
 
-/* Whether the sky is that of the last live picture. */
 static bool sky_is_still(struct relighter *r, const struct environment *e)
 {
-    const uint64_t sky = environment_digest(e), before = r->sky;
-
-    r->sky = sky;
-    return sky == before;
+    const uint64_t before = r->sky;
+    r->sky = environment_digest(e);
+    return r->sky == before;
 }
 
 enum err relighter_describe(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
@@ -593,11 +586,6 @@ enum err relighter_run_part(struct relighter *r, const struct environment *e, co
 struct passes *relighter_passes(struct relighter *r)
 {
     return passes_measure(&r->passes) ? NULL : &r->passes;
-}
-
-const float *relighter_points(const struct relighter *r)
-{
-    return r->points;
 }
 
 enum err relighter_keep_backplate(struct relighter *r)
