@@ -56,6 +56,7 @@ it_holds_what_is_to_be_installed() {
     done
     [ -x "$root/usr/lib/relightd/relight-decoder" ] || fail "no decoder for what producers send"
     [ -x "$root/usr/lib/relightd/relight-reader" ] || fail "no reader of scene files"
+    "$root/usr/bin/relight-bench" --live --help | grep -q -- --patience || fail "no scripts of relight-bench --live"
     [ -x "$root/usr/lib/relightd/relight-demux" ] && [ -x "$root/usr/lib/relightd/relight-video" ] || fail "no video sources"
     [ -s "$root/usr/lib/systemd/system/relightd.service" ] || fail "no unit"
     [ -s "$root/etc/relightd/relightd.json" ] || fail "no configuration"
@@ -69,7 +70,7 @@ it_depends_on_what_it_is_linked_with() {
     triple=$(dpkg-architecture -qDEB_HOST_MULTIARCH)
     depends=$(sed -n 's/^Depends: //p' "$packed/control/control" | tr -d ' ' | sed 's/([^)]*)//g; s/|/,/g')
     dpkg -S "*/$triple/*.so.*" >"$work/owners" # once: each question reads all lists of files
-    for program in $programs $(cd "$root/usr/bin" && ls ../lib/relightd/*); do
+    for program in $programs $(cd "$root/usr/bin" && ls -d ../lib/relightd/* | grep -v relight-live); do
         objdump -p "$root/usr/bin/$program" | sed -n "s|^ *NEEDED *|$program |p"
         grep -aoE 'lib(avcodec|avformat|avutil)[.]so[.][0-9]+' "$root/usr/bin/$program" | sed "s|^|$program |" || true
     done >"$work/needed"
