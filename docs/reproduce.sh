@@ -61,23 +61,40 @@ unbiased() {
 }
 
 lpg13() { # visibility is traced, which the paper leaves out
-    local scene method samples
+    local scene method samples seed
     /usr/bin/python3 -B "$root/docs/examples/proof.py" "$work"
     for scene in plaza knot; do
         local render=("$bin/relight-render" --scene "$work/$scene.json" --source "$work/clouds.hdr" --size 96x54 --paths direct)
         "${render[@]}" --method mis --samples 4096 --seed 99 --out "$work/truth.exr" 2>"$work/log"
         for method in faces:60 faces-uniform:60 faces-uniform:180 mis:60 mis:240; do
             samples="${method#*:}"
-            "${render[@]}" --method "${method%:*}" --samples "$samples" --out "$work/one.exr" 2>"$work/log"
-            echo "$scene, ${method%:*}, $samples samples: $("$bin/relight-diff" --json "$work/one.exr" "$work/truth.exr" |
-                sed 's/.*"rel_mse": \([0-9.e-]*\).*"delta_e": \([0-9.e-]*\).*/relMSE \1, Delta E \2/')"
+            for seed in 1 2 3 4 5 6 7 8; do
+                "${render[@]}" --method "${method%:*}" --samples "$samples" --seed $seed --out "$work/one.exr" 2>"$work/log"
+                echo "$scene ${method%:*} $samples $("$bin/relight-diff" --json "$work/one.exr" "$work/truth.exr" |
+                    sed 's/.*"rel_mse": \([0-9.e-]*\).*"delta_e": \([0-9.e-]*\).*/\1 \2/')"
+            done
         done
-    done
+    done | awk '
+        function even(shares, some, more) { # by how many even samples, where their error is a + b / N
+            b = (some - more) / (1 / 60 - 1 / 180); a = some - b / 60
+            return shares > a && b > 0 ? b / (shares - a) : "any number"
+        }
+        { key = $1 ", " $2 ", " $3 " samples"; if (!n[key]++) keys[++count] = key
+          error[key, n[key]] = $4; sum[key] += $4; delta[key] += $5; scenes[$1]
+          if (n[key] == 1 || $4 < least[key]) least[key] = $4
+          if ($4 > most[key]) most[key] = $4 }
+        END { for (i = 1; i <= count; i++) { k = keys[i]
+                  printf "%s: relMSE %.2e (%.2e to %.2e), Delta E %.2f, means of %d seeds\n", k, sum[k] / n[k], least[k], most[k], delta[k] / n[k], n[k] }
+              split("plaza knot", names)
+              for (i = 1; i <= 2; i++) { s = names[i]; f = s ", faces, 60 samples"; u = s ", faces-uniform, 60 samples"; v = s ", faces-uniform, 180 samples"
+                  printf "%s: 60 samples by shares are worth %.0f even ones by the mean errors; by seed", s, even(sum[f], sum[u], sum[v])
+                  for (j = 1; j <= n[f]; j++) { w = even(error[f, j], error[u, j], error[v, j]); printf w + 0 ? " %.0f" : " %s", w }
+                  print "" } }'
 }
 
 dh09() { # the two rows of the figure: equal time, equal samples a pixel; both of all light, against one reference
     /usr/bin/python3 -B "$root/docs/examples/proof.py" "$work"
-    "$bin/figure5" --whole --size 160x90 --runs 3 --reference 200 --sky "$work/thousand.hdr" --seconds 2 --samples 50 |
+    "$bin/figure5" --whole --size 160x90 --runs 8 --reference 200 --sky "$work/thousand.hdr" --seconds 2 --samples 50 |
         sed "s,$work/,,"
 }
 

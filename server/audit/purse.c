@@ -5,27 +5,37 @@
 
 #define LEAST 15000.0    /* rays that an audit is worth: live pictures that cost little pay for one together */
 #define ALWAYS 500000.0  /* for a picture that is not live */
-#define FIRST 60000.0    /* for the first live picture, */
-#define SETTLED 200000.0 /* and for the first by a finished cache */
+#define SETTLED 200000.0 /* for the first live one by a finished cache */
 #define EACH 4000.0      /* each live picture pays, two milliseconds of a processor, */
 #define MOST 200000.0    /* and so much is saved up */
+#define RAY_S 1e-6       /* processor time of a ray, before any was timed */
 #define NEARLY 0.1       /* of a sky's light may move between two pictures that have anything to tell of each other */
 
 uint64_t purse_pay(struct purse *p, bool live, bool settled, double rays)
 {
     if (!live)
         return (uint64_t)(ALWAYS + rays);
-    p->rays = fmin(p->rays + fmax(rays, EACH) + (p->begun ? 0.0 : FIRST), fmax(MOST, rays));
+    p->rays = fmin(p->rays + fmax(rays, EACH), fmax(MOST, rays));
     if (settled && !p->settled)
         p->rays = SETTLED;
-    p->begun = true;
     p->settled = settled;
     return p->rays >= LEAST ? (uint64_t)p->rays : 0;
 }
 
-void purse_spend(struct purse *p, bool live, uint64_t rays)
+uint64_t purse_limit(struct purse *p, double most, double used_s, uint64_t rays)
+{
+    if (!(p->begun_s > 0.0))
+        p->begun_s = used_s;
+    const double ray_s = p->traced > 0.0 ? p->spent_s / p->traced : RAY_S;
+    const double left = fmin((most * (used_s - p->begun_s) - p->spent_s) / ray_s, (double)rays);
+    return left >= LEAST ? (uint64_t)left : 0;
+}
+
+void purse_spend(struct purse *p, bool live, uint64_t rays, double seconds)
 {
     p->rays -= live ? (double)rays : 0.0;
+    p->traced += (double)rays;
+    p->spent_s += seconds;
 }
 
 double purse_like_last(struct purse *p, const struct environment *e, uint64_t way)

@@ -9,7 +9,8 @@
 
 #define POLL_MS 30       /* how soon controls are noticed while no frame comes */
 #define PACE_MS 2        /* likewise while a picture is not due yet */
-#define AUDIT_SHARE 0.05 /* of a picture's rays, to state its error */
+#define AUDIT_SHARE 0.05 /* of a picture's rays, to state its error, */
+#define AUDIT_MOST 0.01  /* and of the processor time: 2 % are promised, and the process's clock counts all threads */
 #define AGAIN_S 0.1      /* after a cancelled picture: how long to wait for its frame with the new settings */
 
 static bool is_stopping(const struct shade_thread *t)
@@ -35,6 +36,7 @@ static struct relight_desc describe_light(struct shade_thread *t, const struct i
     desc.direct.why = why;
     desc.audit = in->ticket.lockstep ? 0.0 : AUDIT_SHARE;
     desc.audit_live = true;
+    desc.audit_most = AUDIT_MOST;
     /* --cache-wait is for the method of the command line: no controller can make others wait for a cache. */
     desc.cache_background = (desc.cache_background || now->method != c->setup.initial.method ||
                              (t->shared->ranks && t->set != t->first_set)) &&

@@ -333,6 +333,7 @@ void status_picture_shaded(struct status_board *b, const struct picture_report *
     note_methods(s, report->in->environment);
     note_plan(s, report);
     note_work(b, report);
+    s->audit_s += stats->audited.processor_s;
     s->error = stats->error > 0.0 ? stats->error : report->pilot ? report->pilot->error : 0.0;
     s->error_at_most = s->error > 0.0 ? 0.0 : stats->error_at_most;
     s->passes = 0;

@@ -108,7 +108,9 @@ struct relight_desc {
     const struct relight_whole *whole; /* METHOD_COMPONENTS; NULL: there is none */
     double audit;    /* rays spent on stating the picture's error, over its own, and those of audit/purse.h. 0: none */
     bool audit_live; /* pictures save their rays up, and an audit tells of later ones too */
-    bool unsplit;    /* METHOD_CACHED: do not split the sky, so that its bright part is not traced */
+    double audit_most; /* of the processor time since the first picture, for audits; half of it, while the cache is
+                          computed, so that its first picture has some left. 0: any */
+    bool unsplit;      /* METHOD_CACHED: do not split the sky, so that its bright part is not traced */
     /* PLAN_STORED, with the same memory limit: the number of stored paths (0: 64 per pixel). Every turn redraws one of
      * `renew` parts (0: none). The picture depends on the turn, but not on earlier turns. */
     uint64_t stored_paths, turn;
@@ -142,7 +144,9 @@ struct relight_stats {           /* of one picture */
     struct {
         uint32_t pixels;
         uint64_t rays; /* for this picture */
-        double ms;
+        double ms;     /* and the process's processor time meanwhile: */
+        double processor_s;
+        double found; /* the error, however uncertain; 0: no pixel was judged */
     } audited;
     unsigned glides;  /* pictures that will only move on to the light of this one's samples, if the sky stays */
     const char *bias; /* a description of the picture's bias; NULL: none */

@@ -152,6 +152,9 @@ static void audit_it(struct relighter *r, const struct environment *e, const str
         .rays = purse_pay(&s->purse, live, settled, desc->audit * rays),
         .cancel = desc->direct.cancel,
     };
+    if (desc->audit_most > 0.0)
+        audit.rays = purse_limit(&s->purse, cached && !settled ? 0.5 * desc->audit_most : desc->audit_most,
+                                 clock_processor(), audit.rays);
     if (!live)
         audit_forget(s->audit);
     if (audit.rays > 0) {
@@ -159,18 +162,18 @@ static void audit_it(struct relighter *r, const struct environment *e, const str
         resolve_halves(s, r->set->gbuffer, world.background ? e : NULL, half, audit.half);
     }
     audit_picture(s->audit, &audit, rgb, &found);
-    purse_spend(&s->purse, live, found.rays);
     stats->error = found.states;
     stats->error_at_most = found.at_most;
     stats->audited.pixels = found.pixels;
     stats->audited.rays = found.rays;
+    stats->audited.found = found.error;
 }
 
 void relighter_state_error(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                            bool measured, const float *rgb, struct relight_stats *stats)
 {
     const bool filtered = desc->denoise && r->denoiser && !measured && !method_is_reference(desc->direct.method);
-    const double start = clock_seconds();
+    const double start = clock_seconds(), used = clock_processor();
     const float *half[2] = { NULL, NULL };
 
     stats->error = stats->error_at_most = 0.0;
@@ -180,7 +183,10 @@ void relighter_state_error(struct relighter *r, const struct environment *e, con
         half[k] = r->history ? history_half(r->history, k) : denoiser_half(r->denoiser, k);
     if (!r->stated)
         r->stated = create(r->set->gbuffer);
-    if (r->stated)
-        audit_it(r, e, desc, filtered ? half : NULL, measured, rgb, stats);
+    if (!r->stated)
+        return;
+    audit_it(r, e, desc, filtered ? half : NULL, measured, rgb, stats);
     stats->audited.ms = 1e3 * (clock_seconds() - start);
+    stats->audited.processor_s = clock_processor() - used;
+    purse_spend(&r->stated->purse, desc->audit_live, stats->audited.rays, stats->audited.processor_s);
 }

@@ -72,6 +72,8 @@ const struct figure server_figure_table[] = {
     KNOWN("light.error_at_most", "relightd_picture_error_at_most_ratio",
         "Upper bound of the last image's relMSE (two standard errors above the estimate); absent when none is known.",
         error_at_most),
+    DOUBLE(NULL, "relightd_error_estimates_cpu_seconds_total",
+        "Processor time spent on estimating images' errors, part of process_cpu_seconds_total.", audit_s),
     DOUBLE("light.computed", "relightd_cache_computed_ratio",
         "Share of the transport cache that is computed.", cache_share),
     PLAIN(U64, "light.passes", passes),

@@ -67,6 +67,7 @@ struct server_figures {
     double queued_ms, decoded_ms, shaded_ms, encoded_ms;    /* smoothed */
     uint64_t direct_rays, eye_rays, light_rays, cache_rays; /* traced for pictures, and for the cache */
     uint64_t generated, chosen, effective;                  /* light samples */
+    double audit_s;                                         /* processor time that estimates of pictures' errors took */
 
     uint64_t late; /* pictures that exceeded the limit on their time */
     double late_s; /* for how long the present one has been made, if beyond the limit; 0: it is not */

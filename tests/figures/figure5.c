@@ -128,8 +128,8 @@ static void print_region(struct figure *f, size_t r, uint32_t runs)
            f->count[r]);
     if (f->count[r] == 0)
         return;
-    printf("%-14s %8s %8s %8s %8s %11s %11s %15s\n", "technique", "samples", "CPU s", "10^6rays", "us/ray",
-           "relMSE med", "relMSE mean", "x time / light");
+    printf("%-14s %8s %8s %8s %8s %11s %11s %19s %15s\n", "technique", "samples", "CPU s", "10^6rays", "us/ray",
+           "relMSE med", "relMSE mean", "range", "x time / light");
     for (int by = SEEN_BY_COUNT - 1; by >= 0; by--) {
         struct measured *m = &f->measured[by];
         const double seconds = mean(m->seconds, runs), rays = (double)m->rays / runs;
@@ -138,9 +138,14 @@ static void print_region(struct figure *f, size_t r, uint32_t runs)
             light_median = middle * seconds;
             light_mean = average * seconds;
         }
-        printf("%-14s %8" PRIu32 " %8.2f %8.1f %8.3f %11.4g %11.4g %7.2f %7.2f\n", seen_names[by], m->samples, seconds,
-               rays * 1e-6, 1e6 * seconds / rays, middle, average, middle * seconds / light_median,
-               average * seconds / light_mean);
+        double least = INFINITY, most = 0.0;
+        for (uint32_t k = 0; k < runs; k++) {
+            least = fmin(least, m->error[r][k]);
+            most = fmax(most, m->error[r][k]);
+        }
+        printf("%-14s %8" PRIu32 " %8.2f %8.1f %8.3f %11.4g %11.4g %9.3g to %6.3g %7.2f %7.2f\n", seen_names[by],
+               m->samples, seconds, rays * 1e-6, 1e6 * seconds / rays, middle, average, least, most,
+               middle * seconds / light_median, average * seconds / light_mean);
     }
 }
 

@@ -151,10 +151,10 @@ PY
 a_captured_map_is_calibrated() {
     constant_sky "$work/captured.hdr"
     local size=(--size 32x18 --samples 4 --paths direct)
-    "$render" "${size[@]}" --source "$work/captured.hdr" --calibrate 20000 --out "$work/calibrated.exr" --stats "$work/calibrated.json" --audit 0
-    "$render" "${size[@]}" --source cie:5,lux=20000,ground=1 --out "$work/uniform.exr" --stats "$work/uniform.json" --audit 0
+    "$render" "${size[@]}" --source "$work/captured.hdr" --calibrate 20000 --out "$work/calibrated.exr" --stats "$work/calibrated.json"
+    "$render" "${size[@]}" --source cie:5,lux=20000,ground=1 --out "$work/uniform.exr" --stats "$work/uniform.json"
     "$render" "${size[@]}" --source "$work/captured.hdr" --probe 9,9 >"$work/captured.json"
-    "$render" "${size[@]}" --source sky: --out "$work/sky.exr" --stats "$work/sky.json" --audit 0
+    "$render" "${size[@]}" --source sky: --out "$work/sky.exr" --stats "$work/sky.json"
     "$render" "${size[@]}" --source cie:5 --scale 1 --probe 9,9 >"$work/scaled.json"
     local what
     for what in calibrated uniform; do grep -q '"unit": *"W sr^-1 m^-2"' "$work/$what.json" || fail "$what has no unit"; done

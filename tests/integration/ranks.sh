@@ -24,7 +24,7 @@ cached_light_and_exposure_are_those_of_one_process() {
 }
 
 statistics_are_joined_in_order_of_frames() {
-    job 3 "${small[@]}" --frames 5-24 --samples 1 --out many/%d.exr --stats many/stats.json --audit 0
+    job 3 "${small[@]}" --frames 5-24 --samples 1 --out many/%d.exr --stats many/stats.json
     python3 - many/stats.json <<'PY'
 import json, sys
 frames = [entry["frame"] for entry in json.load(open(sys.argv[1]))]
@@ -52,7 +52,7 @@ a_killed_rank_loses_nothing_that_is_complete() {
         if wait $launcher; then fail "the job ended well without a rank"; fi
         before=$(find many -name '*.exr' | wc -l)
         for file in $(find many -name '*.exr'); do cmp "$file" "one/${file#many/}"; done
-        job 3 "${frames[@]}" $mode --out many/%02d.exr --resume --stats stats.json --audit 0 2>log
+        job 3 "${frames[@]}" $mode --out many/%02d.exr --resume --stats stats.json 2>log
         [ "$before" = 0 ] || grep -q "$before existing images are kept, $((24 - before)) are new" log || { cat log; fail "not $before kept"; }
         [ "$(grep -c '"frame"' stats.json)" = $((24 - before)) ] || fail "statistics of other frames than the new ones"
         rm -f many/*.part
@@ -72,7 +72,7 @@ RUN
     mkdir elsewhere
     for ending in exr jpg; do
         "$render" "${flags[@]}" --out one/%02d.$ending
-        mpirun --oversubscribe -n 3 ./rank.sh "${flags[@]}" --out many/%02d.$ending --stats many.json --audit 0
+        mpirun --oversubscribe -n 3 ./rank.sh "${flags[@]}" --out many/%02d.$ending --stats many.json
         same_files
     done
     python3 -c 'import json; assert [e["frame"] for e in json.load(open("many.json"))] == list(range(3, 15))'

@@ -6,7 +6,7 @@
 renders_a_day_of_67_frames() {
     need_data
     "$bin/relight-render" --scene "$scenes/plaza.json" --source "$data/sky/sky.%04d.exr" --size 160x90 --method mis \
-        --samples 16 --paths direct --out "$work/plaza.%04d.exr" --stats "$work/stats.json" --audit 0
+        --samples 16 --paths direct --out "$work/plaza.%04d.exr" --stats "$work/stats.json"
     [ "$(find "$work" -name 'plaza.*.exr' | wc -l)" = 67 ] || fail "not 67 pictures"
     [ "$(grep -c '"frame"' "$work/stats.json")" = 67 ] || fail "not 67 objects of statistics"
     local n
@@ -110,7 +110,7 @@ denoising_brings_a_noisy_picture_closer() {
     "${render[@]}" --samples 128 --eye-paths 64 --out "$work/true.exr"
     "${render[@]}" --samples 8 --out "$work/noisy.exr"
     for n in 1 2; do
-        "${render[@]}" --samples 8 --denoise --threads $n --out "$work/denoised$n.exr" --stats "$work/stats$n.json" --audit 0
+        "${render[@]}" --samples 8 --denoise --threads $n --out "$work/denoised$n.exr" --stats "$work/stats$n.json"
     done
     cmp "$work/denoised1.exr" "$work/denoised2.exr" || fail "other bits on two threads"
     grep -q '"filter": [0-9.]*[1-9]' "$work/stats1.json" || fail "the filter took no time"
@@ -145,7 +145,7 @@ PY
 }
 
 built_in_scene_and_sky_need_no_file() {
-    "$bin/relight-render" --frames 0-2 --size 96x54 --samples 8 --out "$work/%d.jpg" --stats - --audit 0 >"$work/stats.json"
+    "$bin/relight-render" --frames 0-2 --size 96x54 --samples 8 --out "$work/%d.jpg" --stats - >"$work/stats.json"
     [ -s "$work/0.jpg" ] && [ -s "$work/2.jpg" ] || fail "pictures are missing"
     grep -q '"rays"' "$work/stats.json" || fail "no statistics"
 }
@@ -254,7 +254,7 @@ lamps_are_a_part_that_a_factor_scales() {
     "${render[@]}" --scene "$dark" --out "$work/dark.exr"
     for s in 0 1 2 again; do
         "${render[@]}" --scene "$examples/evening.json" --lamps "${s/again/1}" --out "$work/lamps$s.exr" \
-            --stats "$work/lamps$s.json" --audit 0
+            --stats "$work/lamps$s.json"
     done
     cmp "$work/dark.exr" "$work/lamps0.exr" || fail "lamps at scale 0 change the picture"
     cmp "$work/lamps1.exr" "$work/lampsagain.exr" || fail "the same seed gave other bits"
@@ -268,19 +268,19 @@ lamps_are_a_part_that_a_factor_scales() {
 # The ring's image: what each class adds, that the classes sum to the whole, and the statistics.
 a_wish_for_a_rate_or_an_error_is_kept_to_and_told() {
     "$bin/relight-render" --source sky:hour=12 --size 96x54 --paths all --frames 0-9 --fps 4 --out "$work/rate%d.jpg" \
-        --stats "$work/rate.json" --audit 0
+        --stats "$work/rate.json"
     "$bin/relight-render" --source sky:hour=12 --size 96x54 --paths direct --frames 0-5 --error 0.02 \
-        --out "$work/error%d.jpg" --stats "$work/error.json"
+        --out "$work/error%d.jpg" --stats "$work/error.json" --audit 0.1
     # Too little time for clean indirect light, and far too little for any: it is denoised, and that is said once.
     "$bin/relight-render" --source sky:hour=12 --size 160x90 --samples 256 --eye-paths 48 --out "$work/truth.exr"
     local rate
     for rate in 30 1000; do
         "$bin/relight-render" --source sky:hour=12,speed=0 --size 160x90 --frames 0-15 --reseed --fps $rate \
-            --out "$work/hasty$rate.%d.exr" --stats "$work/hasty$rate.json" --audit 0 2>"$work/stderr"
+            --out "$work/hasty$rate.%d.exr" --stats "$work/hasty$rate.json" 2>"$work/stderr"
         [ "$(grep -c 'so the light is denoised' "$work/stderr")" -eq 1 ] || { cat "$work/stderr"; fail "not said once"; }
     done
     [ "$(grep -c 'the fewest samples take' "$work/stderr")" -eq 1 ] || { cat "$work/stderr"; fail "not said once"; }
-    "$bin/relight-render" --size 16x9 --samples 2 --frames 0 --out "$work/none.exr" --stats "$work/none.json" --audit 0
+    "$bin/relight-render" --size 16x9 --samples 2 --frames 0 --out "$work/none.exr" --stats "$work/none.json"
     python3 - "$work" "$bin" <<'PY'
 import json
 import math
@@ -310,7 +310,8 @@ for f in rate:
 for f in json.load(open(f"{sys.argv[1]}/error.json")):
     last = f["estimate"]
     assert last["met"] == (max(last["error"], f["error"]["estimate"] or 0.0) <= 0.02), f
-assert json.load(open(f"{sys.argv[1]}/none.json"))[0]["estimate"] is None
+none = json.load(open(f"{sys.argv[1]}/none.json"))[0]  # without --audit no ray is spent on the error
+assert none["estimate"] is None and none["error"] == {"estimate": None, "upper_bound": None, "pixels": 0, "rays": 0, "ms": 0.0}, none
 assert last["wished_error"] == 0.02 and 0.0 < last["error"] < 0.04, last
 PY
     local render=("$bin/relight-render" --size 16x9 --out "$work/none.exr")
@@ -323,7 +324,7 @@ classes_of_light_add_up_and_are_told() {
     ring="$(dirname "$(readlink -f "$0")")/../../docs/examples/ring.json"
     for paths in direct caustics indirect all; do
         "$bin/relight-render" --scene "$ring" --source sky:time=08:30 --size 96x54 --samples 16 --paths $paths \
-            --particles 20000 --eye-paths 4 --seed 3 --out "$work/$paths.exr" --stats "$work/$paths.json" --audit 0
+            --particles 20000 --eye-paths 4 --seed 3 --out "$work/$paths.exr" --stats "$work/$paths.json"
     done
     python3 - "$work" <<'PY'
 import json
@@ -432,7 +433,7 @@ a_cached_sequence_is_near_a_sampled_one() {
     for method in 'cached --samples 64' 'mis --sun --samples 1024'; do
         # shellcheck disable=SC2086
         "$bin/relight-render" --method $method --source 'sky:time=12:00,speed=60' --frames 0-1 --size "$(count 64x36 96x54)" \
-            --paths direct --out "$work/${method%% *}.%d.exr" --stats "$work/${method%% *}.json" --audit 0 2>"$work/stderr"
+            --paths direct --out "$work/${method%% *}.%d.exr" --stats "$work/${method%% *}.json" 2>"$work/stderr"
     done
     for n in 0 1; do
         "$bin/relight-diff" "$work/cached.$n.exr" "$work/mis.$n.exr" --max-relmse 3e-3 --max-mean 0.01
@@ -454,7 +455,7 @@ a_cache_is_kept_and_loaded_again() {
     box_scene "$work"
     box=("$bin/relight-render" --method cached --scene "$work/box.json" --size 48x27 --paths direct)
     for run in 1 2; do
-        "${box[@]}" --out "$work/$run.exr" --stats "$work/$run.json" --audit 0 2>"$work/log.$run"
+        "${box[@]}" --out "$work/$run.exr" --stats "$work/$run.json" 2>"$work/log.$run"
     done
     [ "$(cd "$kept" && echo box.json.main-48x27-*.transport | wc -w)" = 1 ] || fail "no file, but $(ls "$kept")"
     [ "$(grep -c "loaded in .* from $kept/box.json.main-48x27-" "$work/log.2")" = 1 ] || fail "no word of it"

@@ -23,7 +23,7 @@ parts_of_all_methods_have_the_bits_of_one_process() {
 # Ranks compute the cache together, keep what their packets need, and store the file of one process.
 ranks_share_the_memory_of_the_cache_and_of_the_points() {
     local frames=(--frames 0-15) # after 12, shares are settled and memory is freed
-    "$render" "${box[@]}" "${frames[@]}" --out one/%d.exr --stats one.json --audit 0
+    "$render" "${box[@]}" "${frames[@]}" --out one/%d.exr --stats one.json
     job 4 "${box[@]}" "${frames[@]}" --cache-dir joint --out many/%d.exr --split-frames 2>log
     same_files
     cmp cache/*.transport joint/*.transport || fail "the ranks have computed another cache"

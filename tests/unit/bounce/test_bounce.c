@@ -259,31 +259,42 @@ static void a_lean_sky_will_do(void **state)
     assert_memory_equal(means[0], means[1], sizeof(means[0]));
 }
 
-/* Over many numbers a direction's cells are those that a texel there is dealt to, as often as it is. */
+/* Over many numbers the cells of a texel's direction are those that the texel is dealt to, as often as it is: the means
+ * of a sky whose texels have nothing to do with each other are those of the cells' texels by these numbers. Of wrong
+ * tents with the same middles the rms would be tenths. */
 static void paths_end_in_cells_by_the_same_tents(void **state)
 {
+    enum { N = 64, NUMBERS = 256 };
+    static float texels[CUBE_FACES * N * N][3], means[3][SKY_CELLS];
+    static double solid[N * N], sum[SKY_CELLS], omega[SKY_CELLS];
+    struct environment *e = sky_environment(sky_constant(32, 16, 1.0f), N, 0.0);
     struct rng r = { 7 };
+    double error = 0.0;
     (void)state;
 
-    for (int k = 0; k < 200; k++) {
-        const struct vec3 w = random_direction(&r);
-        double mean[3] = { 0.0 };
-        for (uint32_t i = 0; i < 1024; i++) {
-            const uint32_t cell = bounce_cell(w, (i + 0.5) / 1024.0), place = cell % 256;
-            uint32_t row = 0, column = 0;
-            double d[3];
-            for (uint32_t bit = 0; bit < 4; bit++) {
-                column |= (place >> 2 * bit & 1u) << bit;
-                row |= (place >> (2 * bit + 1) & 1u) << bit;
-            }
-            cube_direction(cell / 256, -1.0 + (column + 0.5) / 8.0, -1.0 + (row + 0.5) / 8.0, d);
-            const double norm = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-            for (int c = 0; c < 3; c++)
-                mean[c] += d[c] / norm;
+    cube_solid_angles(N, solid);
+    for (uint32_t t = 0; t < CUBE_FACES * N * N; t++) {
+        const uint32_t row = t / N % N, column = t % N;
+        double d[3];
+        texels[t][0] = texels[t][1] = texels[t][2] = (float)rng_next(&r);
+        cube_direction(t / (N * N), -1.0 + (column + 0.5) * 2.0 / N, -1.0 + (row + 0.5) * 2.0 / N, d);
+        const double norm = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        const struct vec3 w = { (float)(d[0] / norm), (float)(d[1] / norm), (float)(d[2] / norm) };
+        for (uint32_t i = 0; i < NUMBERS; i++) {
+            const uint32_t cell = bounce_cell(w, (i + 0.5) / NUMBERS);
+            sum[cell] += solid[t % (N * N)] * (double)texels[t][0];
+            omega[cell] += solid[t % (N * N)];
         }
-        const double norm = sqrt(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]);
-        assert_true((mean[0] * (double)w.x + mean[1] * (double)w.y + mean[2] * (double)w.z) / norm > cos(0.03));
     }
+    environment_set_faces(e, texels[0]);
+    take_means(e, means);
+    for (uint32_t k = 0; k < SKY_CELLS; k++) {
+        assert_true(omega[k] > 0.0);
+        error += pow(sum[k] / omega[k] - (double)means[0][k], 2.0) / SKY_CELLS;
+    }
+    print_message("rms %.2e\n", sqrt(error));
+    assert_true(sqrt(error) < 1e-3);
+    environment_destroy(e);
 }
 
 /* What frames use until the full one is there: in the mean as bright within 2 %, and near it at matte points, although

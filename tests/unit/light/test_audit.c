@@ -306,12 +306,12 @@ static void bounds_allow_for_what_was_not_met(void **state)
 static void live_pictures_save_rays_up(void **state)
 {
     struct environment e = { .energy = { 1.0, 2.0, 3.0, 2.0, 1.0, 1.0 }, .total_energy = 10.0 };
-    struct purse p = { .begun = false };
+    struct purse p = { .rays = 0.0 };
 
     (void)state;
     assert_int_equal(purse_pay(&p, false, false, 1000.0), 501000);
-    assert_int_equal(purse_pay(&p, true, false, 1000.0), 64000); /* the first */
-    purse_spend(&p, true, 64000);
+    assert_int_equal(purse_pay(&p, true, false, 64000.0), 64000);
+    purse_spend(&p, true, 64000, 0.1);
     assert_int_equal(purse_pay(&p, true, false, 9000.0), 0); /* not worth one yet */
     assert_int_equal(purse_pay(&p, true, false, 1000.0), 0);
     assert_int_equal(purse_pay(&p, true, false, 1000.0), 17000);
@@ -326,6 +326,32 @@ static void live_pictures_save_rays_up(void **state)
     e.energy[0] = 4.0;
     e.total_energy = 13.2;
     assert_true(purse_like_last(&p, &e, 8) == 0.0); /* another sky */
+}
+
+/* Under pictures of any cost, and rays that take 0.3 to 10 microseconds, audits take their share of the processor time:
+ * never more, once the first one has told what a ray takes, and in the end hardly less. */
+static void audits_keep_to_their_share_of_the_processor_time(void **state)
+{
+    struct rng r = { 3 };
+    (void)state;
+
+    for (int k = 0; k < 6; k++) {
+        struct purse p = { .rays = 0.0 };
+        const double ray_s = (k % 3 == 0 ? 0.3e-6 : k % 3 == 1 ? 2e-6 : 10e-6), picture_s = k < 3 ? 0.03 : 0.5;
+        double used_s = 5.0, spent_s = 0.0;
+        for (int i = 0; i < 6000; i++) {
+            used_s += picture_s * (0.5 + rng_next(&r));
+            const uint64_t rays = purse_limit(&p, 0.02, used_s, purse_pay(&p, true, i > 2000, 2e5 * rng_next(&r)));
+            const double took_s = (double)rays * ray_s;
+            spent_s += took_s;
+            used_s += took_s;
+            purse_spend(&p, true, rays, took_s);
+            assert_true(spent_s <= 0.02 * (used_s - 5.0) + (used_s < 15.0 ? 0.2 : 1e-9));
+        }
+        print_message("%.1f us a ray, %.2f s a picture: %.4f of the time\n", 1e6 * ray_s, picture_s,
+                      spent_s / (used_s - 5.0));
+        assert_true(spent_s > 0.019 * (used_s - 5.0));
+    }
 }
 
 enum { WIDE = 48, HIGH = 27, VALUES = 3 * WIDE * HIGH, TRUTH = 96, SEEDS = 3 };
@@ -421,6 +447,33 @@ static void others_state_bounds_that_hold(void **state)
     }
 }
 
+/* By the cache: an error that 1/300 of the pixels have, where few were judged, and three times what many have found. */
+static void bounds_by_the_cache_allow_for_what_was_not_met(void **state)
+{
+    struct stage s = stage_make(&(struct set_desc){ .width = WIDE, .height = HIGH }, sky_overcast(64, 32));
+    struct relight_desc light = {
+        .direct = { .method = METHOD_CACHED, .samples = 8 }, .classes = PATH_DIRECT, .audit = 1e-9, .audit_live = true
+    };
+    struct relight_stats stats;
+    bool few = false, many = false;
+    (void)state;
+
+    for (int k = 0; k < 24 && !(few && many); k++) { /* what is saved up lasts for few pixels under each new sky */
+        environment_destroy(s.sky);
+        s.sky = sky_environment(sky_with_sun(64, 32, 1e3f * (float)(k % 8 + 1)), 64, 0.0);
+        assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
+        if (stats.audited.rays == 0 || !(stats.error_at_most > 0.0))
+            continue;
+        const double unmet = sqrt(300.0 / stats.audited.pixels), found = stats.audited.found;
+        assert_true(stats.error_at_most >= found * (1.0 + 2.0 * fmax(unmet, 1.0)) * (1.0 - 1e-9));
+        few |= unmet > 1.0;
+        many |= unmet <= 1.0;
+        print_message("%u pixels: %.2e, at most %.2e\n", stats.audited.pixels, found, stats.error_at_most);
+    }
+    assert_true(few && many);
+    stage_finish(&s);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_mean_over_seeds_is_the_error),
     cmocka_unit_test(a_planted_bias_is_found),
@@ -433,7 +486,9 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(answers_to_an_alike_picture_bound_the_next),
     cmocka_unit_test(bounds_allow_for_what_was_not_met),
     cmocka_unit_test(live_pictures_save_rays_up),
+    cmocka_unit_test(audits_keep_to_their_share_of_the_processor_time),
     cmocka_unit_test(pictures_state_their_error),
     cmocka_unit_test(others_state_bounds_that_hold),
+    cmocka_unit_test(bounds_by_the_cache_allow_for_what_was_not_met),
 };
 UNIT_MAIN(tests)

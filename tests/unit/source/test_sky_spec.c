@@ -86,6 +86,7 @@ static void frames_advance_the_sun(void **state)
     sky_state_at(&d, 10, &a);
     sky_state_at(&later, 0, &b);
     assert_true(fabs(a.sun_elevation - b.sun_elevation) < 1e-9);
+    assert_true(a.sun_direction[0] > 0.0 && fabs(a.sun_direction[0] - b.sun_direction[0]) < 1e-9); /* in the west */
     sky_state_at(&d, 48 * 30 + 10, &a); /* the same hour 30 days on: the sun stands lower */
     assert_true(a.sun_elevation < b.sun_elevation - 1.0 * DEGREE && a.sun_elevation > b.sun_elevation - 5.0 * DEGREE);
     sky_state_at(&still, 0, &a);

@@ -90,6 +90,23 @@ static void any_changes(struct frames *f)
     shade_both(f, NULL);
 }
 
+/* One channel of one patch after another, each of them held before: a block that sees it is computed again. */
+static void a_change_of_any_channel_is_seen(void **state)
+{
+    struct frames f = frames_make();
+    (void)state;
+
+    for (uint32_t c = 0; c < 3; c++) {
+        for (int k = 0; k < 3; k++)
+            shade_both(&f, NULL);
+        const uint32_t still = f.stats.lit;
+        f.painted.rgb[3 * ((SKY / 4 - 2) * SKY + 50) + c] *= 3.0f;
+        shade_both(&f, NULL);
+        assert_true(f.stats.lit > still);
+    }
+    frames_finish(&f);
+}
+
 /* A cloud far from the sun: no ray is traced, and light from cells is computed where the cloud is seen. The same sky
  * again: nothing is computed but what looks at single texels. Another sun: rays only. */
 static void only_what_has_changed_is_computed(void **state)
@@ -180,6 +197,7 @@ static void a_change_of_any_sample_of_the_sun_is_seen(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_change_of_any_sample_of_the_sun_is_seen),
     cmocka_unit_test(light_that_changes_in_every_frame_is_not_kept),
+    cmocka_unit_test(a_change_of_any_channel_is_seen),
     cmocka_unit_test(only_what_has_changed_is_computed),
 };
 UNIT_MAIN(tests)
