@@ -8,13 +8,12 @@
 #include <math.h>
 
 #define SMOOTH 0.3
-#define LIGHT_SOON 4    /* readings of particles; after that */
-#define LIGHT_EVERY 4   /* frames */
-#define NOISY 0.05      /* relMSE above which single pixels are no yardstick */
-#define HASTE 0.3       /* of the time, for the quick picture: if it takes more, it is the frame */
-#define FIRST_SHARE 0.1 /* of the samples or paths to come, in either picture that measures them, */
-#define FIRST_MORE 1.5  /* if that is so many times as many as have been measured. Ten times as many samples have */
-#define SLOPE 1.2       /* of direct light 10^-SLOPE of the error: they are stratified */
+#define LIGHT_SOON 4                 /* readings of particles; after that */
+#define LIGHT_EVERY 4                /* frames */
+#define NOISY 0.05                   /* relMSE above which single pixels are no yardstick */
+#define HASTE 0.3                    /* of the time, for the quick picture: if it takes more, it is the frame */
+#define FIRST_SHARE 0.1              /* of the samples or paths to come, in either picture that measures them, */
+#define FIRST_MORE 1.5               /* if that is so many times as many as have been measured */
 #define PASS_OWN (UINT64_C(1) << 40) /* no picture has so high a pass */
 
 double pilot_seconds(const struct pilot *p, const struct pilot_work *work, double by_clock)
@@ -200,8 +199,6 @@ static enum err measure_first(struct pilot *p, const struct pilot_target *target
         if (!p->offered[part] || n < FIRST_MORE * pilot_count((enum pilot_part)part, 0.0).step)
             continue;
         e = pilot_probe_whole(p, (enum pilot_part)part, n);
-        if (part == PILOT_DIRECT)
-            p->model[part].variance *= pow(n / p->n[part], SLOPE - 1.0);
     }
     return e;
 }
