@@ -27,6 +27,7 @@ changes | transport-cache.md | processor time of a cached picture of which a ten
 unbiased | transport-cache.md | what correcting the cache by random samples costs, and the bias that it removes
 lpg13 | speed-and-accuracy.md | shares against sixths of the faces, and Delta E by samples, on a plaza and a glossy knot under clouds
 stated | speed-and-accuracy.md | the error that images state over their true error
+live | performance.md | what a viewer of relightd gets under a moving sky
 faults | testing.md | faults that once passed are noticed by a unit test of their own room
 END
 }
@@ -101,6 +102,13 @@ dh09() { # the two rows of the figure: equal time, equal samples a pixel; both o
 stated() { # STATED_KEEP: a folder, so that a run goes on where the last one of the same programs ended
     # From seed 4 on: the first three served to choose the audit's constants.
     RELIGHT_BIN="$bin" "$root/tests/figures/stated.py" --reference 8 --first 4 --seeds "${STATED_SEEDS:-2}" ${STATED_KEEP:+--keep "$STATED_KEEP"}
+}
+
+live() { # LIVE_FLAGS: of relight-bench, to choose scenes, skies, kernels
+    local flags
+    read -ra flags <<<"${LIVE_FLAGS:-}"
+    echo "relight-bench --live ${flags[*]}"
+    "$bin/relight-bench" --live "${flags[@]}" 2>"$work/log" || { tail -n 3 "$work/log"; return 1; }
 }
 faults() { "$root/tests/mutate/run.sh" --planted; }
 
