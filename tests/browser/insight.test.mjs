@@ -129,17 +129,18 @@ onOnePage('the panel under auto', AUTO, {
     const count = await page.evaluate(() => window.heard.statuses.length);
     await page.waitForFunction((n) => window.heard.statuses.length >= n + 2, count);
     const { headers, statuses } = await page.evaluate(() => window.heard);
-    const last = statuses.findLast((s) => headers.some((h) => h.frame === s.frame));
-    const those = headers.slice(0, headers.findIndex((h) => h.frame === last.frame) + 1);
-    const seen = (key) => those.map((h) => h[`${key}Us`] / 1000);
+    const last = statuses.findLast((s) => headers.slice(0, -2).some((h) => h.frame === s.frame));
+    const end = headers.findIndex((h) => h.frame === last.frame) + 1;
+    const seen = (key, more = 0) => headers.slice(0, end + more).map((h) => h[`${key}Us`] / 1000);
     // The times of images that this viewer skipped, as a busy machine makes it do, are unknown.
     const whole = last.skipped === statuses[0].skipped;
     for (const key of ['queued', 'decoded', 'shaded']) {
-      const wanted = seen(key).reduce((old, ms) => (old > 0 ? old + 0.2 * (ms - old) : ms), 0);
+      // The next images may have been lit, but not sent, when the status was written: their times are in the means.
+      const wanted = [0, 1, 2].map((more) => seen(key, more).reduce((old, ms) => (old > 0 ? old + 0.2 * (ms - old) : ms), 0));
       const told = last.stages_ms[key];
-      const slack = 0.02 * Math.max(...seen(key)) + 0.05; // images before the page connected count 0.8^30
+      const slack = 0.02 * Math.max(...seen(key, 2)) + 0.05; // images before the page connected count 0.8^30
       assert.ok(told >= 0, `${key}: ${told}`);
-      if (whole) assert.ok(Math.abs(told - wanted) <= slack, `${key}: ${told} for ${wanted}`);
+      if (whole) assert.ok(wanted.some((w) => Math.abs(told - w) <= slack), `${key}: ${told} for ${wanted}`);
     }
     const encoded = seen('encoded');
     assert.ok(last.stages_ms.encoded > 0, `${last.stages_ms.encoded}`);

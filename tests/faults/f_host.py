@@ -116,6 +116,7 @@ async def F88_signals_at_random_times(folder):
         server.process.send_signal(signal.SIGTERM)
         await until(lambda: viewer.parted)
         check(viewer.parted[:1] == [1001], f"told {viewer.parted}")
+        await asyncio.wait_for(server.process.wait(), WAIT_S)  # a second signal would end it at once
     return f"TERM and INT end it with 0 after {max(ends):.1f} s at most, viewers are told 1001; PIPE and a STOP of 1 s cost nothing"
 
 

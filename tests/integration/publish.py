@@ -326,7 +326,7 @@ async def dead_and_silent_targets_disturb_nobody(folder):
             await party.until(lambda: len(party.gains) >= start + 30)
             async with Sender(*ffmpeg("-listen", "1", "-i", urls[0], "-f", "null", "-")):
                 await party.until(lambda: told(party)[name]["state"] == "live" and frames(party, name) > 0)
-            metrics = page(daemon, "metrics").decode()
+                metrics = page(daemon, "metrics").decode()
             check(f'relightd_publish_state{{target="1",to="{name}",state="live"}} 1' in metrics, metrics)
             check(re.search(rf'relightd_publish_retries_total{{target="1",to="{name}"}} [1-9]', metrics), metrics)
             check("SECRET" not in metrics + json.dumps(party.last), "a key is told")
