@@ -32,6 +32,7 @@
 static atomic_bool stop_asked;
 static atomic_bool reload_asked;
 static atomic_bool new_work;
+static atomic_bool stopped; /* in good order: only libraries' exit handlers are left */
 
 struct daemon {
     struct shared shared;
@@ -62,7 +63,7 @@ static void on_alarm(int signal_number)
     static const char words[] = "relightd: warning: stopped while work was still running\n";
 
     (void)signal_number;
-    if (write(STDERR_FILENO, words, sizeof(words) - 1) < 0)
+    if (!atomic_load(&stopped) && write(STDERR_FILENO, words, sizeof(words) - 1) < 0)
         _exit(1);
     _exit(0);
 }
@@ -238,6 +239,7 @@ int main(int argc, char **argv)
     else if (!done && rank == 0)
         log_info("stopped");
     log_flush(true);
+    atomic_store(&stopped, true);
     /* Out of memory or threads, libraries may wait in their exit handlers for threads that they never had. */
     if (e || d.left_behind) {
         fflush(NULL);
