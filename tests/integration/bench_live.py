@@ -72,11 +72,12 @@ async def a_viewer_gets_what_live_states(folder):
         check(row["flicker_converged"]["triples"] == 6, row)
         check(not row["flicker"] or row["flicker"]["p99_9"] <= row["flicker"]["most"], row)
     error = jpeg["error"]
-    judged = [e["frame"] for e in error["frames"]]  # a slow viewer misses some
-    check(judged and set(judged) <= set(range(8, 32, 3)) and h264["error"] is None, error)
-    check(-2 * error["standard_error"] < error["rel_mse"] < 1 and 0.7 < error["mean_ratio"] < 1.3 and 0 < error["flip"] < 1, error)
+    judged = [e["frame"] for e in error["frames"]] if error else []  # a slow viewer misses some, or all
+    check(set(judged) <= set(range(8, 32, 3)) and h264["error"] is None, error)
+    check(judged or jpeg["latency_p95_ms"] > 200, f"none of the frames was judged: {jpeg}")
+    check(not judged or -2 * error["standard_error"] < error["rel_mse"] < 1 and 0.7 < error["mean_ratio"] < 1.3 and 0 < error["flip"] < 1, error)
     kept = sorted(p.name for p in (folder / "references").glob("*/*.*") if p.suffix)
-    check(len(kept) == 2 * len(judged) + 8 + 2 and not any("part" in name for name in kept), kept)
+    check(len(kept) == 2 * len(judged) + 8 + 2 * bool(judged) and not any("part" in name for name in kept), kept)
     check("first start" in program.out and "images/s" in program.out, program.out)
     check(left_behind(folder) == [], left_behind(folder))
 

@@ -182,6 +182,7 @@ class Viewer:
         self.daemon = daemon
         self.status, self.last = {}, {}  # the newest status; the newest message by op
         self.on_picture = None
+        self.frame = -1  # of the newest picture
         self.requests = 0
         self.socket = socket.create_connection(daemon.address, timeout=120)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -271,6 +272,7 @@ class Viewer:
         self.say(op="ack", sequence=sequence)
         # Files have no time of capture: then the time since reading began.
         latency = received_us - (capture or published - queued - decoded - shaded - encoded)
+        self.frame = frame
         if self.on_picture:
             self.on_picture(Picture(received_s, latency, capture != 0, form, flags, frame, gain, samples, bytes(data[header:])))
 
