@@ -93,12 +93,14 @@ export async function openBrowser() {
       '--hide-scrollbars', `--disable-features=${WITHOUT}`],
     timeout: HANG_MS,
   });
-  const newPage = browser.newPage.bind(browser);
-  browser.newPage = async (options) => {
-    const page = await newPage(options);
-    page.setDefaultTimeout(HANG_MS);
-    return page;
-  };
+  for (const kind of ['newPage', 'newContext']) {
+    const open = browser[kind].bind(browser);
+    browser[kind] = async (options) => {
+      const opened = await open(options);
+      opened.setDefaultTimeout(HANG_MS);
+      return opened;
+    };
+  }
   return browser;
 }
 

@@ -187,7 +187,7 @@ async def status_of(daemon, token, what):
                 if isinstance(message, str) and what(json.loads(message)):
                     return
         try:
-            await asyncio.wait_for(hear(), 20)
+            await asyncio.wait_for(hear(), WAIT_S)
         except asyncio.TimeoutError:
             check(False, f"it does not happen: {daemon.log()}")
 

@@ -100,7 +100,7 @@ async def the_health_check_sees_health_and_its_end(folder):
     async with Daemon("--samples", "1") as daemon:
         port = re.search(r":(\d+)/", daemon.url).group(1)
         def run():
-            return subprocess.run([w.replace("8080", port) for w in command], capture_output=True, timeout=20).returncode
+            return subprocess.run([w.replace("8080", port) for w in command], capture_output=True, timeout=WAIT_S).returncode
         check(run() == 0, "not healthy")
         daemon.process.terminate()
         await daemon.process.wait()
@@ -114,7 +114,7 @@ async def what_is_watched_is_what_is_told(folder):
         told = ""
         while "relightd_publish_state" not in told:
             await asyncio.sleep(0.1)
-            with urllib.request.urlopen(url + "metrics", timeout=20) as answer:
+            with urllib.request.urlopen(url + "metrics", timeout=WAIT_S) as answer:
                 told = answer.read().decode()
     names = set(re.findall(r"^# TYPE (\S+)", told, re.M))
     names |= {f"{name}_bucket" for name in re.findall(r"^# TYPE (\S+) histogram", told, re.M)}

@@ -45,7 +45,7 @@ describe('published by relightd', { concurrency: 2 }, () => {
         page.on('websocket', (socket) => faults.push(socket.url()));
         await page.goto(site.url);
         assert.equal(new URL(page.url()).search, '?from=hls');
-        await untilState(page, 'live', 120000);
+        await untilState(page, 'live');
         await untilFrames(page, 20);
         const { width, height, data } = await readback(page);
         assert.deepEqual([width, height], [160, 90]);

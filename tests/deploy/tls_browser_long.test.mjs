@@ -43,7 +43,7 @@ test('images arrive through TLS', async () => {
   page.on('websocket', (socket) => sockets.push(socket.url()));
   const answer = await page.goto(url);
   assert.equal(answer.headers()['strict-transport-security'], 'max-age=31536000');
-  await page.waitForFunction(() => window.relight?.frames >= 3, null, { timeout: 120000 });
+  await page.waitForFunction(() => window.relight?.frames >= 3);
   assert.ok(await page.evaluate(() => window.isSecureContext));
   assert.deepEqual([...new Set(sockets)], [`${url.replace('https', 'wss')}ws`]);
   assert.deepEqual(faults, []);

@@ -263,6 +263,7 @@ async def D67_a_bomb_of_zeros(stage):
         got = await stage.producer.fate(bomb, encoding=1)
     finally:
         watching.cancel()
+    peak[0] = max(peak[0], stage.server.memory_kib() - before)
     check(peak[0] > 400 << 10 or got["fate"] != "used", f"at most {peak[0]} KiB more: its picture was not held")
     larger = await stage.producer.fate(zeros(2 * width, 2 * height), encoding=1)
     check(larger["fate"] == "refused" and "the limit is 8192 per side" in larger["message"], f"{larger}")

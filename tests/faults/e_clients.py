@@ -208,7 +208,7 @@ async def E74_no_descriptors_left(folder):
 async def E75_all_connections_taken(folder):
     async with Relightd("--max-connections", "64", source="sky:size=128x64,speed=60") as server, Viewer(server) as viewer:
         await viewer.sees(2)
-        crowd, full = [], None
+        crowd, staying, full = [], [], None
         for i in range(80):
             raw = await Raw.open(server.port)
             if await raw.upgrade() != 101:
@@ -216,17 +216,19 @@ async def E75_all_connections_taken(folder):
                 break
             raw.send(hello())
             kind, payload = await raw.receive()
-            if raw.said[-1]["op"] == "error" or kind != TEXT:
+            if kind != TEXT or raw.said[-1]["op"] == "error":
                 full = await raw.closed()
                 check(full == 4007, f"closed with {full}")
                 break
             crowd.append(raw)
+            staying.append(asyncio.ensure_future(raw.stays()))
         check(full, "no limit is there")
         await viewer.sees(2)
         check(not viewer.parted, "the honest viewer was closed")
         held = len(crowd)
         for raw in crowd:
             raw.reset()
+        await asyncio.gather(*staying)
         async with Deadline():
             while True:
                 raw = await Raw.open(server.port)

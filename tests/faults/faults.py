@@ -309,6 +309,15 @@ class Raw:
                 self.reason = payload[2:].decode(errors="replace")
                 self.send(frame(CLOSE, payload[:2]))
 
+    async def stays(self):
+        """Like closed(), but answers pings: a client that is silent for 25 s would be dropped."""
+        while True:
+            kind, payload = await self.receive()
+            if kind == PING:
+                self.send(frame(PONG, payload))
+            elif kind in (None, CLOSE):
+                return struct.unpack(">H", payload[:2])[0] if len(payload) >= 2 else None
+
     async def pong(self, number=7):
         """Checks that a message is answered by a text."""
         self.send(say(op="ping", id=number))
@@ -344,11 +353,11 @@ class Honest:
         return self
 
     async def __aexit__(self, *_):
-        self.task.cancel()
-        try:
-            await self.task
-        except (asyncio.CancelledError, Failed):
-            pass
+        while not self.task.done():  # once is not enough: asyncio.wait_for() loses it if what it waits for has just come
+            self.task.cancel()
+            await asyncio.wait([self.task], timeout=1)
+        with contextlib.suppress(asyncio.CancelledError, Failed):
+            self.task.result()
         if self.link:
             await self.link.close()
 
@@ -399,6 +408,7 @@ class Viewer(Honest):
         want = self.pictures + count
         async with Deadline():
             while self.pictures < want:
+                check(not self.task.done(), f"the honest viewer's own end: {self.task}")
                 await asyncio.sleep(0.01)
 
 

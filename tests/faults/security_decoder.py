@@ -14,7 +14,7 @@ from peer import BIN, WAIT_S, main, radiance
 
 MISBEHAVING = BIN / "misbehaving_decoder"
 HEADER = struct.Struct("<4sHBBBBHIIIQqQ")
-DEEDS = (("crash", r"signal 11"), ("hang", r"timed out after 1 s"), ("eat", r"."), ("ask open", r"forbidden system call"),
+DEEDS = (("crash", r"signal 11"), ("hang", r"timed out after 5 s"), ("eat", r"."), ("ask open", r"forbidden system call"),
          ("answer wide", r"invalid answer"), ("exit", r"exit code 3"))  # and what the producer is told of each
 
 
@@ -93,7 +93,7 @@ async def counted(server):
 
 
 async def decoder_faults_cost_their_frames_live(folder):
-    async with Relightd("--decoder", str(MISBEHAVING), "--decode-seconds", "1") as server:
+    async with Relightd("--decoder", str(MISBEHAVING), "--decode-seconds", "5") as server:
         watcher = await Party.come(server.url, role="viewer")
         await watcher.say(op="subscribe", format="jpeg")
         producer = await Party.come(server.url, role="producer")
@@ -109,14 +109,14 @@ async def decoder_faults_cost_their_frames_live(folder):
 
 
 async def decoder_faults_keep_lockstep_and_order(folder):
-    async with Relightd("--decoder", str(MISBEHAVING), "--decode-seconds", "1") as server:
+    async with Relightd("--decoder", str(MISBEHAVING), "--decode-seconds", "5") as server:
         recorder = await Party.come(server.url, role="viewer", recorder="row66")
         await recorder.say(op="subscribe", format="exr_half")
         producer = await Party.come(server.url, role="producer", pace="lockstep", sequence="row66")
         listening = asyncio.ensure_future(recorder.until(lambda: "sequence" in recorder.said))
         good = await play(producer)
         await producer.say(op="end")
-        await asyncio.wait_for(listening, 60)
+        await asyncio.wait_for(listening, WAIT_S)
         check(recorder.pictures == good, f"not one picture of each good frame, in order: {recorder.pictures}")
         await counted(server)
         await producer.link.close()
@@ -136,7 +136,7 @@ async def without_a_sandbox_it_warns_and_works(folder):
 async def a_decoder_that_is_missing_is_said(folder):
     program = await asyncio.create_subprocess_exec(str(BIN / "relightd"), "--port", "0", "--source", "push:", "--decoder",
                                                    str(folder / "nowhere"), stderr=asyncio.subprocess.PIPE)
-    said = (await asyncio.wait_for(program.communicate(), 60))[1].decode()
+    said = (await asyncio.wait_for(program.communicate(), WAIT_S))[1].decode()
     check(program.returncode == 1 and "nowhere" in said, f"{program.returncode}: {said}")
 
 

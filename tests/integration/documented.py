@@ -190,7 +190,7 @@ def run_page(page, clone):
         env = dict(os.environ, PATH=f"{clone}/build/bin:{os.environ['PATH']}", RELIGHT_BIN=str(BIN), PORT=str(free_port()),
                    SERVE="1" if serves else "", RIG="a-token-for-the-rig-1", EYES="a-token-for-viewers-2", HAND="a-token-for-controllers-3",
                    XDG_CACHE_HOME=str(clone / "cache"))
-        done = subprocess.run(["bash", "-c", script], cwd=clone, env=env, capture_output=True, text=True, timeout=300, check=False)
+        done = subprocess.run(["bash", "-c", script], cwd=clone, env=env, capture_output=True, text=True, timeout=WAIT_S, check=False)
         where = f"{page.relative_to(ROOT)}:{block[0][0]}"
         away = re.search(r"--source '?(?:https?|rtsp|rtmp|srt|v4l2):", script) and "cannot be opened" in done.stderr
         if done.returncode != 0 and not away:

@@ -48,6 +48,19 @@ expect() {
     grep -Eq -- "$pattern" "$work/stderr" || { cat "$work/stderr"; fail "no '$pattern' on standard error: $*"; }
 }
 
+# waits PATTERN FILE PID: until a line of the program's log matches. Ten minutes only end a hang.
+waits() {
+    local i
+    for ((i = 0; i < 6000; i++)); do
+        grep -q -- "$1" "$2" && return
+        kill -0 "$3" 2>/dev/null || break
+        sleep 0.1
+    done
+    grep -q -- "$1" "$2" && return # said just before it ended
+    cat "$2"
+    fail "no '$1' in the log"
+}
+
 # A flat Radiance file of 2x1 texels of radiance 1: mantissa 128 of 256, exponent 129.
 constant_sky() {
     printf '#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\x80\x80\x80\x81\x80\x80\x80\x81' >"$1"

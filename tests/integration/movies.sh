@@ -74,8 +74,8 @@ pq_shows_white_at_203_and_clips_at_the_peak() {
 a_video_appears_whole_or_not_at_all() {
     "$bin/relight-render" "${sky[@]}" --samples 512 --frames 0-99 --out "$work/a.mp4" 2>/dev/null &
     local pid=$!
-    for ((i = 0; i < 300; i++)); do
-        if ls -A "$work" | grep -q 'a.mp4'; then break; fi
+    until ls -A "$work" | grep -q 'a.mp4'; do
+        kill -0 $pid || fail "it ended before it wrote anything"
         sleep 0.1
     done
     kill -9 $pid

@@ -74,13 +74,10 @@ a_live_job_shows_the_pictures_of_one_process() {
     for which in one many again; do
         local words=(mpirun --oversubscribe -n 3 "$bin/relightd")
         [ $which != one ] || words=("$bin/relightd" --method cached --samples 64 --cache-wait)
-        timeout 100 "${words[@]}" "${flags[@]}" 2>$which.log &
+        timeout 1200 "${words[@]}" "${flags[@]}" 2>$which.log & # ends a hang
         launcher=$!
-        for _ in $(seq 300); do
-            grep -q 'listening on' $which.log && break
-            sleep 0.1
-        done
-        timeout 60 "$bin/relight-record" --from "$(sed -n 's/.*listening on http/ws/p' $which.log)" --once --quiet --out $which.exr 2>>$which.log || { cat $which.log; fail "no picture of $which"; }
+        waits 'listening on' $which.log $launcher
+        timeout 600 "$bin/relight-record" --from "$(sed -n 's/.*listening on http/ws/p' $which.log)" --once --quiet --out $which.exr 2>>$which.log || { cat $which.log; fail "no picture of $which"; }
         mapfile -t victims < <(pgrep -P "$(pgrep -P $launcher)")
         if [ $which = many ]; then
             [ ${#victims[@]} = 3 ] || fail "not three ranks"
@@ -105,18 +102,17 @@ a_live_job_shows_the_pictures_of_one_process() {
 # While a picture is lit, the next frame goes out already; the pictures stay those of one process.
 a_live_job_orders_frames_early() {
     local flags=(--source sky:size=64x32,time=09:00,speed=60 --size 64x36 --rate 0 --fps 240 --port 0 --converge off --method mis --samples 4 --part-floats half --exposure 0)
-    local which launcher
+    local which launcher victim
     for which in one many; do
         local words=(mpirun --oversubscribe -n 3)
         [ $which = many ] || words=()
-        timeout 100 "${words[@]}" "$bin/relightd" "${flags[@]}" 2>$which.log &
+        timeout 1200 "${words[@]}" "$bin/relightd" "${flags[@]}" 2>$which.log & # ends a hang
         launcher=$!
-        for _ in $(seq 300); do
-            grep -q 'listening on' $which.log && break
-            sleep 0.1
-        done
-        timeout 60 "$bin/relight-record" --from "$(sed -n 's/.*listening on http/ws/p' $which.log)" --frames 30 --quiet --out $which/%d.exr 2>>$which.log || { cat $which.log; fail "no pictures of $which"; }
-        kill $launcher
+        waits 'listening on' $which.log $launcher
+        timeout 600 "$bin/relight-record" --from "$(sed -n 's/.*listening on http/ws/p' $which.log)" --frames 30 --quiet --out $which/%d.exr 2>>$which.log || { cat $which.log; fail "no pictures of $which"; }
+        victim=$launcher
+        [ $which = one ] || victim=$(pgrep -P "$(pgrep -P $launcher)" | head -n 1) # rank 0: mpirun would not wait for its report
+        kill "$victim"
         wait $launcher || true
     done
     grep -Eq 'images by 3 ranks, [1-9][0-9]* of them ordered early' many.log || { cat many.log; fail "no frame went out early"; }

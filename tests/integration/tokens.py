@@ -45,31 +45,29 @@ def holds_none(text, what):
 
 
 async def hello(url, heard, **fields):
-    """The server's answers to this hello within a second go into `heard`; returns the close code, or None if still
-    open."""
+    """The server's answers to this hello, up to its second status, go into `heard`; returns the close code, or None if it gets
+    that far."""
     link = await websockets.connect(url.replace("http", "ws", 1) + "ws", subprotocols=["relight.v1"], max_size=None, ping_interval=None, max_queue=None)
     await link.send(json.dumps({"op": "hello", "version": {"major": 1, "minor": 1}, **fields}))
 
-    async def listen():
-        while True:
-            message = await link.recv()
-            heard.append(message if isinstance(message, str) else message.decode("latin-1"))
-
     try:
-        await asyncio.wait_for(listen(), 1)
+        statuses = 0
+        while statuses < 2:
+            message = await asyncio.wait_for(link.recv(), WAIT_S)
+            heard.append(message if isinstance(message, str) else message.decode("latin-1"))
+            statuses += isinstance(message, str) and json.loads(message)["op"] == "status"
     except websockets.ConnectionClosed as end:
         heard.append(str(end.reason))
         return link.close_code
-    except asyncio.TimeoutError:
-        await link.close()
-        return None
+    await link.close()
+    return None
 
 
 async def request(url, text):
     reader, writer = await asyncio.open_connection("127.0.0.1", int(url.rstrip("/").rsplit(":", 1)[1]))
     writer.write(text.encode())
     try:
-        return await asyncio.wait_for(reader.read(), 8)
+        return await asyncio.wait_for(reader.read(), WAIT_S)
     finally:
         writer.close()
 
