@@ -51,7 +51,7 @@ furnace() {
 photons() {
     unit estimators_test_baselines photons_bring_caustics photons_bring_interreflection point_lights_bring_interreflection
 }
-materials() { unit brdf_test_lobes white_surfaces_return_nearly_everything_and_no_more; }
+materials() { unit surface_test_lobes white_surfaces_return_nearly_everything_and_no_more; }
 figure5() { "$bin/figure5" --size 240x135 --runs 5 --seconds 2 --reference 400; }
 changes() { "$bin/changes" --turns 9 2>"$work/log"; }
 unbiased() {

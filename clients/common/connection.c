@@ -5,9 +5,9 @@
 #include "base/mem.h"
 #include "clients/common/message.h"
 #include "clients/common/offset.h"
-#include "protocol/relight_protocol.h"
 #include "clients/common/retry.h"
 #include "clients/common/trust.h"
+#include "protocol/relight_protocol.h"
 
 #include <assert.h>
 #include <libwebsockets.h>

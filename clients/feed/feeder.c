@@ -3,9 +3,9 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/progress.h"
 #include "clients/common/client.h"
 #include "clients/common/message.h"
-#include "base/progress.h"
 
 #include <inttypes.h>
 #include <stdio.h>

@@ -3,7 +3,7 @@
 #include "base/file_pattern.h"
 #include "base/log.h"
 #include "clients/common/client.h"
-#include "codec/exr_write.h"
+#include "image/codec/exr_write.h"
 
 #include <inttypes.h>
 #include <string.h>

@@ -1,8 +1,8 @@
 #include "clients/feed/parcel.h"
 
-#include "codec/decode.h"
-#include "codec/exr_policy.h"
 #include "base/mem.h"
+#include "image/codec/decode.h"
+#include "image/codec/exr_policy.h"
 
 #include <half.h>
 #include <inttypes.h>

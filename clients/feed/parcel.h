@@ -2,8 +2,8 @@
  * texels, and files of kinds that a server does not accept from the network, are sent raw. Thread: one per parcel. */
 #pragma once
 
-#include "codec/frame.h"
-#include "codec/image.h"
+#include "image/codec/frame.h"
+#include "image/codec/image.h"
 #include "protocol/relight_protocol.h"
 
 enum raw {

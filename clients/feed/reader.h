@@ -3,7 +3,7 @@
 #pragma once
 
 #include "clients/feed/parcel.h"
-#include "source/source.h"
+#include "sky/source/source.h"
 
 #define READER_SLOTS 2
 

@@ -1,11 +1,11 @@
 /* Streams a source of frames to a relightd started with --source push:. This file is the command line; feeder.h talks
  * to the server, and reader.h reads ahead on a separate thread. */
 #include "base/log.h"
+#include "base/setting_table.h"
 #include "clients/common/client.h"
 #include "clients/common/message.h"
 #include "clients/feed/feeder.h"
 #include "clients/feed/files.h"
-#include "base/setting_table.h"
 
 #include <inttypes.h>
 #include <string.h>

@@ -2,15 +2,15 @@
  * one per environment frame. An image is acknowledged once it is safely on disk. Everything runs on one thread: while
  * a picture is being stored, the server holds back the one after the next. */
 #include "base/clock.h"
-#include "clients/common/client.h"
 #include "base/file_pattern.h"
 #include "base/file_store.h"
-#include "clients/record/journal.h"
 #include "base/log.h"
-#include "clients/common/message.h"
 #include "base/progress.h"
-#include "protocol/relight_protocol.h"
 #include "base/setting_table.h"
+#include "clients/common/client.h"
+#include "clients/common/message.h"
+#include "clients/record/journal.h"
+#include "protocol/relight_protocol.h"
 
 #include <errno.h>
 #include <inttypes.h>

@@ -3,8 +3,8 @@
  * Thread: one at a time. Strings that are returned belong to the configuration and live as long as it does. */
 #pragma once
 
-#include "base/err.h"
 #include "base/command.h"
+#include "base/err.h"
 
 #include <stdbool.h>
 #include <stddef.h>

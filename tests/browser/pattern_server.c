@@ -3,11 +3,11 @@
  * (of a still picture; 0: none), "done" (converged), "dump FILE" (the last picture as drawn, then as decoded by
  * libjpeg-turbo, both RGB); it exits on "quit", end of input, SIGTERM or SIGINT. */
 #include "base/clock.h"
-#include "video/h264.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/setting_table.h"
-#include "stream/server.h"
+#include "image/video/h264.h"
+#include "net/stream/server.h"
 
 #include <turbojpeg.h>
 

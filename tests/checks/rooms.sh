@@ -1,11 +1,12 @@
 #!/bin/bash
-# Who may include whom: holds every #include "room/x.h" in server/ to server/rooms.txt, and docs/internals/rooms.md to what is there.
+# Who may include whom: holds every #include "folder/room/x.h" in server/ to server/rooms.txt, and docs/internals/rooms.md to what
+# is there. A room may include only rooms that the table names before it, and there are at most twelve folders at the top.
 # Every finding is one line; exit 1 when there is any. --write renews the table and the drawing in docs/internals/rooms.md.
 # usage: rooms.sh ROOT [--write]
 set -euo pipefail
 cd "$1"
 table=server/rooms.txt page=docs/internals/rooms.md
-lines_max=7000
+lines_max=7000 folders_max=12
 
 declare -A allowed=() purpose=()
 rooms=()
@@ -16,10 +17,17 @@ while IFS='|' read -r room may what; do
     purpose["$room"]="$(sed 's/^ *//; s/ *$//' <<<"$what")"
 done < <(grep -v '^#' "$table")
 
+room_of() { # FILE below server/: sets room to its folder in the table, or to its first
+    local first="${1%%/*}" rest="${1#*/}"
+    room="$first/${rest%%/*}"
+    [[ -v allowed["$room"] ]] || room="$first"
+}
+
 declare -A counted=()
 while read -r count file; do # no program for each room: there are forty, and this is asked twice
-    room="${file#server/}"
-    [[ "$file" == total ]] || counted["${room%%/*}"]=$((${counted["${room%%/*}"]:-0} + count))
+    [[ "$file" == total ]] && continue
+    room_of "${file#server/}"
+    counted["$room"]=$((${counted["$room"]:-0} + count))
 done < <(find server -name '*.[ch]' -print0 | xargs -r -0 wc -l)
 
 lines() { # ROOM: lines of C
@@ -27,28 +35,35 @@ lines() { # ROOM: lines of C
 }
 
 findings() {
-    local room file line header target count
+    local room file line header target count from before=" "
+    count="$(find server -mindepth 1 -maxdepth 1 -type d | wc -l)"
+    ((count <= folders_max)) || echo "server: $count folders, at most $folders_max"
     for room in "${rooms[@]}"; do
         [[ -d server/$room ]] || { echo "$table: there is no server/$room"; continue; }
         [[ -f server/$room/README.md ]] || echo "server/$room: has no README.md"
         count="$(lines "$room")"
         ((count <= lines_max)) || echo "server/$room: $count lines, at most $lines_max"
         for target in ${allowed[$room]}; do
-            [[ -v allowed["$target"] ]] || echo "$table: $room may include $target, which is no room"
+            if [[ ! -v allowed["$target"] ]]; then
+                echo "$table: $room may include $target, which is no room"
+            elif [[ "$before" != *" $target "* ]]; then
+                echo "$table: $room may include $target, which stands below it"
+            fi
         done
+        before+="$room "
     done
-    for room in server/*/; do
-        room="${room%/}"
-        room="${room##*/}"
+    while read -r file; do # a folder with sources of its own
+        room_of "${file#server/}"
         [[ -v allowed["$room"] ]] || echo "server/$room: is not in $table"
-    done
+    done < <(find server -mindepth 2 -maxdepth 3 -name '*.[ch]' -printf '%h\n' | sort -u)
     while IFS=: read -r file line header; do
-        room="${file#server/}"
-        room="${room%%/*}"
-        [[ -v allowed["$room"] ]] || continue
+        room_of "${file#server/}"
+        from="$room"
+        [[ -v allowed["$from"] ]] || continue
         header="${header#*\"}"
         header="${header%%\"*}"
-        target="${header%%/*}"
+        room_of "$header"
+        target="$room" room="$from"
         if [[ "$header" != */* || ! -f "server/$header" ]]; then
             [[ "$header" == protocol/* && -f "$header" ]] ||
                 echo "$file:$line: \"$header\" names no room and header of server/"
@@ -80,7 +95,7 @@ tables() { # without the numbers of lines, which change with every commit: $1 em
     printf '\n```mermaid\nflowchart BT\n'
     for room in "${rooms[@]}"; do
         for target in $(direct "$room"); do
-            echo "    $room --> $target"
+            echo "    ${room//\//_}[$room] --> ${target//\//_}[$target]"
         done
     done
     echo '```'

@@ -46,14 +46,14 @@ findings() {
         sed -E 's/^([^:]*:[0-9]+):(.*)$/\1: "\2" is not plain English/'
 
     # Libraries that one room hides from the others.
-    sources server | xargs -r -d '\n' grep -nE '#include *[<"].*(rtcore|embree[0-9])' | grep -v '^server/scene/embree\.h:' |
-        sed -E 's/^([^:]*:[0-9]+):.*/\1: Embree outside server\/scene\/embree.h/' || true
+    sources server | xargs -r -d '\n' grep -nE '#include *[<"].*(rtcore|embree[0-9])' | grep -v '^server/scene/geometry/embree\.h:' |
+        sed -E 's/^([^:]*:[0-9]+):.*/\1: Embree outside server\/scene\/geometry\/embree.h/' || true
     sources server clients | xargs -r -d '\n' grep -nE '#include *[<"]libwebsockets' |
-        grep -vE '^(server/stream|clients/common)/' |
-        sed -E 's/^([^:]*:[0-9]+):.*/\1: libwebsockets outside server\/stream and clients\/common/' || true
+        grep -vE '^(server/net/stream|clients/common)/' |
+        sed -E 's/^([^:]*:[0-9]+):.*/\1: libwebsockets outside server\/net\/stream and clients\/common/' || true
 
     # The mathematics knows no socket, no file and no clock.
-    sources server | { grep -E '^server/(brdf|estimators|transport|bounce|choose)/' || true; } |
+    sources server | { grep -E '^server/(scene/surface|light/(estimators|cache_direct|cache_indirect|plan))/' || true; } |
         xargs -r -d '\n' grep -nE '#include *[<"](base/clock\.h|time\.h|sys/(socket|stat|time)\.h|fcntl\.h|unistd\.h)' |
         sed -E 's/^([^:]*:[0-9]+):.*/\1: the mathematics knows no socket, file or clock/' || true
 

@@ -8,11 +8,11 @@ trap 'rm -rf "$tree"' EXIT
 
 plant() { # FILE, text: a file of that content in an otherwise clean tree
     rm -rf "${tree:?}"/*
-    mkdir -p "$tree/server/base" "$tree/server/env" "$tree/server/estimators" "$tree/server/stream" "$tree/clients"
+    mkdir -p "$tree/server/base" "$tree/server/sky/tables" "$tree/server/light/estimators" "$tree/server/net/stream" "$tree/clients"
     echo '/* base */' >"$tree/server/base/vec.h"
-    echo '/* env */' >"$tree/server/env/cube.h"
-    echo '/* stream */' >"$tree/server/stream/viewer.h"
-    printf '#include "env/cube.h"\n\n#include "base/vec.h"\n' >"$tree/server/estimators/direct.c"
+    echo '/* env */' >"$tree/server/sky/tables/cube.h"
+    echo '/* stream */' >"$tree/server/net/stream/viewer.h"
+    printf '#include "sky/tables/cube.h"\n\n#include "base/vec.h"\n' >"$tree/server/light/estimators/direct.c"
     mkdir -p "$(dirname "$tree/$1")"
     printf '%s\n' "$2" >"$tree/$1"
 }
@@ -52,13 +52,13 @@ plant server/base/a.h 'typedef struct a { int b; } a;'
 expect 'server/base/a.h:1: typedef'
 plant server/base/a.c '/* TO''DO later */'
 expect 'unfinished'
-plant server/estimators/a.c '#include <embree3/rtcore.h>'
-expect 'server/estimators/a.c:1: Embree outside'
-plant server/film/a.c '#include <libwebsockets.h>'
+plant server/light/estimators/a.c '#include <embree3/rtcore.h>'
+expect 'server/light/estimators/a.c:1: Embree outside'
+plant server/image/film/a.c '#include <libwebsockets.h>'
 expect 'libwebsockets outside'
 plant clients/feed/a.c '#include <libwebsockets.h>'
 expect 'clients/feed/a.c:1: libwebsockets outside'
-plant server/estimators/a.c '#include <time.h>'
+plant server/light/estimators/a.c '#include <time.h>'
 expect 'the mathematics knows no socket, file or clock'
 plant docs/a.md "see /ho""me/someone/notes"
 expect 'docs/a.md:1: path of one machine'
@@ -87,13 +87,13 @@ style=callers
 plant server/base/a.h "$(printf 'int a(int b);\n')"
 printf '/* a(1) */\nint a(int b)\n{\n    return b;\n}\n' >"$tree/server/base/a.c"
 expect 'server/base/a.h: a: nothing but tests calls it'
-echo 'int b = a(1);' >"$tree/server/env/a.c"
+echo 'int b = a(1);' >"$tree/server/sky/tables/a.c"
 "$style" "$tree"
 style="$checks/rooms.sh"
 rooms_tree() { # FILE, text: the same, with a table of its rooms
     plant "$1" "$2"
-    printf 'base | - | all\nenv | base | skies\nestimators | base env | light\nstream | base | network\n' >"$tree/server/rooms.txt"
-    for room in base env estimators stream; do
+    printf 'base | - | all\nsky/tables | base | skies\nlight/estimators | base sky/tables | light\nnet/stream | base | network\n' >"$tree/server/rooms.txt"
+    for room in base sky/tables light/estimators net/stream; do
         echo "# $room" >"$tree/server/$room/README.md"
     done
     mkdir -p "$tree/docs/internals"
@@ -102,15 +102,15 @@ rooms_tree() { # FILE, text: the same, with a table of its rooms
 }
 rooms_tree README.md 'clean'
 "$style" "$tree"
-rooms_tree server/estimators/a.c '#include "stream/viewer.h"'
-expect 'server/estimators/a.c:1: estimators may not include "stream/viewer.h"'
-rooms_tree server/env/a.c '#include "base/nowhere.h"'
+rooms_tree server/light/estimators/a.c '#include "net/stream/viewer.h"'
+expect 'server/light/estimators/a.c:1: light/estimators may not include "net/stream/viewer.h"'
+rooms_tree server/sky/tables/a.c '#include "base/nowhere.h"'
 expect 'names no room and header'
-rooms_tree server/env/a.c '#include "cube.h"'
-expect 'server/env/a.c:1: "cube.h" names no room and header'
+rooms_tree server/sky/tables/a.c '#include "cube.h"'
+expect 'server/sky/tables/a.c:1: "cube.h" names no room and header'
 rooms_tree server/cellar/a.c 'int a;'
 expect 'server/cellar: is not in server/rooms.txt'
-rooms_tree server/env/a.c "$(lines 7001)"
+rooms_tree server/sky/tables/a.c "$(lines 7001)"
 expect 'lines, at most 7000'
 rooms_tree README.md 'clean'
 sed -i 's/| skies |/| clouds |/' "$tree/docs/internals/rooms.md"

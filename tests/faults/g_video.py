@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """Faults of video sources (group G): processes that die, and streams with damage. Rows on lost connections, playlists that point at
-files, changes in mid-stream and absurd claims are tests of tests/integration/live.py and tests/unit/source/test_video.c."""
+files, changes in mid-stream and absurd claims are tests of tests/integration/live.py and tests/unit/sky/source/test_video.c."""
 
 import asyncio
 import os

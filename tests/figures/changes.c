@@ -5,8 +5,8 @@
 
 #include "base/mem.h"
 #include "base/vec.h"
-#include "estimators/kernels.h"
-#include "light/relight.h"
+#include "light/estimators/kernels.h"
+#include "light/frame/relight.h"
 
 #include <math.h>
 #include <omp.h>

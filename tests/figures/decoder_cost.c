@@ -1,8 +1,8 @@
 /* What it costs that a stranger's file is decoded in a process of its own: the ratio of both times for the same bytes,
  * in turns, as the median over pairs. For the files that are named. */
 #include "base/clock.h"
-#include "decoder/decoder.h"
 #include "base/mem.h"
+#include "import/decoder/decoder.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -4,8 +4,8 @@
 
 #include "base/log.h"
 #include "base/setting_table.h"
-#include "env/environment.h"
-#include "source/source.h"
+#include "sky/source/source.h"
+#include "sky/tables/environment.h"
 
 #include <stdio.h>
 #include <stdlib.h>

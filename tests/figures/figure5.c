@@ -7,8 +7,8 @@
  * depend on the time taken, as long as error falls with its inverse: for the means. */
 #include "figure.h"
 
-#include "estimators/seen_caustics.h"
-#include "light/facts.h"
+#include "light/estimators/seen_caustics.h"
+#include "light/frame/facts.h"
 
 #include <inttypes.h>
 #include <omp.h>

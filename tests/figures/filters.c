@@ -1,5 +1,5 @@
-/* The filter beside another: edge-avoiding a-trous wavelets (filter/filter.h) and dual-buffer non-local means with the
- * same surfaces [Rousselle et al. 2012], 7 x 7 patches within 21 x 21 pixels, k = 0.45.
+/* The filter beside another: edge-avoiding a-trous wavelets (light/denoise/filter.h) and dual-buffer non-local means
+ * with the same surfaces [Rousselle et al. 2012], 7 x 7 patches within 21 x 21 pixels, k = 0.45.
  *
  *     filters WxH SCENE|builtin SOURCE TRUTH SEEDS
  *
@@ -7,11 +7,11 @@
  * and four times as many light samples: processor seconds of the halves and of each filter, relMSE and FLIP. Light
  * paths are left out of pictures and must not matter to the truth. */
 #include "base/mem.h"
-#include "compare/flip.h"
-#include "filter/filter.h"
-#include "light/relight.h"
-#include "resolve/resolve.h"
-#include "source/source.h"
+#include "light/denoise/filter.h"
+#include "light/frame/relight.h"
+#include "light/resolve/resolve.h"
+#include "measure/compare/flip.h"
+#include "sky/source/source.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,4 +1,4 @@
-/* What images state of their error (audit/audit.h), and what it is: the first live images, before a cache exists,
+/* What images state of their error (light/audit/audit.h), and what it is: the first live images, before a cache exists,
  * images with fixed counts, and images by the cache, single and live.
  *
  *     first_pictures WxH SCENE|builtin SOURCE FIRST-LAST PICTURES PASSES [TRUTH|- [BEFORE]]
@@ -9,11 +9,11 @@
  * truth has PASSES x 64 paths per pixel twice, which the file TRUTH keeps; twice PASSES images without bias tell
  * aliasing. BEFORE is a source that lights four images before the first one: a sky that changes at once. */
 #include "base/mem.h"
-#include "chart/truth.h"
-#include "resolve/resolve.h"
-#include "film/film.h"
-#include "light/relight.h"
-#include "source/source.h"
+#include "image/film/film.h"
+#include "light/frame/relight.h"
+#include "light/resolve/resolve.h"
+#include "measure/chart/truth.h"
+#include "sky/source/source.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -63,7 +63,7 @@ static bool load_truth(struct rig *r, const char *path)
     return all;
 }
 
-/* By paths with camera rays of their own (chart/truth.h). */
+/* By paths with camera rays of their own (measure/chart/truth.h). */
 static enum err make_truth(struct rig *r, int passes, const char *path)
 {
     const struct truth_desc desc = { .set = r->set,

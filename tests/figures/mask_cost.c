@@ -4,8 +4,8 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/rng.h"
-#include "reader/reader.h"
-#include "scene/rays.h"
+#include "import/reader/reader.h"
+#include "scene/geometry/rays.h"
 
 #include <math.h>
 #include <stdio.h>

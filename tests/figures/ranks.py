@@ -164,7 +164,7 @@ def bits(jobs):
 
 
 def memory_limit(ranks):
-    """The largest share of a rank, as server/team/shares.c limits it."""
+    """The largest share of a rank, as server/job/team/shares.c limits it."""
     handed = max(0.02, 0.45 / (ranks - 1) ** 3)
     return (1 + handed + max(1 / 128, handed / 3)) / ranks
 

@@ -2,9 +2,9 @@
  * files that are named. Wall-clock times include the waiting for a processor where others are at work. */
 #include "base/clock.h"
 #include "base/log.h"
-#include "import/import.h"
-#include "tests/unit/scene/host_here.h"
-#include "reader/reader.h"
+#include "import/formats/import.h"
+#include "import/reader/reader.h"
+#include "tests/unit/scene/geometry/host_here.h"
 
 #include <stdio.h>
 #include <stdlib.h>

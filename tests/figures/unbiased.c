@@ -8,9 +8,9 @@
 #include "base/mem.h"
 #include "base/rng.h"
 #include "base/vec.h"
-#include "env/cube.h"
-#include "light/relight.h"
-#include "transport/parts.h"
+#include "light/cache_direct/parts.h"
+#include "light/frame/relight.h"
+#include "sky/tables/cube.h"
 
 #include <math.h>
 #include <string.h>

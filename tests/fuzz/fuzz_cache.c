@@ -2,7 +2,7 @@
 #include "as_file.h"
 #include "harness.h"
 
-#include "cache/cache_file.h"
+#include "light/cache/cache_file.h"
 
 #include <string.h>
 

@@ -3,8 +3,8 @@
 #include "as_file.h"
 #include "harness.h"
 
-#include "import/import.h"
-#include "tests/unit/scene/host_here.h"
+#include "import/formats/import.h"
+#include "tests/unit/scene/geometry/host_here.h"
 
 #include <string.h>
 

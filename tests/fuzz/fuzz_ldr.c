@@ -1,7 +1,7 @@
 /* JPEG and PNG pictures are decoded to texels from 0 to 1, or refused with a reason. */
 #include "harness.h"
 
-#include "codec/decode.h"
+#include "image/codec/decode.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {

@@ -2,7 +2,7 @@
  * user name and password. */
 #include "harness.h"
 
-#include "publish/target.h"
+#include "net/publish/target.h"
 
 #include <jansson.h>
 #include <string.h>

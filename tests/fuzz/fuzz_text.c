@@ -1,8 +1,8 @@
 /* A client's text message: its values are within limits, or a fault names clause and reason. */
 #include "harness.h"
 
-#include "settings/settings.h"
-#include "message/message.h"
+#include "net/message/message.h"
+#include "relightd/settings/settings.h"
 
 #include <stdio.h>
 #include <stdlib.h>

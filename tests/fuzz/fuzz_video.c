@@ -3,10 +3,10 @@
 #include "harness.h"
 
 #include "base/mem.h"
-#include "decoder/stream.h"
-#include "decoder/wire.h"
-#include "demux/demux.h"
-#include "demux/read.h"
+#include "import/decoder/stream.h"
+#include "import/decoder/wire.h"
+#include "import/demux/demux.h"
+#include "import/demux/read.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 /* Writes the valid part of the corpus: make_corpus FOLDER. Inputs found by fuzzers are stored beside it under other
  * names. */
-#include "codec/make_exr.h"
-#include "codec/make_hdr.h"
+#include "image/codec/make_exr.h"
+#include "image/codec/make_hdr.h"
 
 #include <stdio.h>
 #include <stdlib.h>

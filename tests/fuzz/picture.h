@@ -1,7 +1,7 @@
 /* Invariants after decoding arbitrary input. */
 #pragma once
 
-#include "codec/decode.h"
+#include "image/codec/decode.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -3,7 +3,7 @@
  * times are asserted: the next frame is sent when all viewers that keep up have received the last, and not before a
  * thirtieth of a second. usage: load (RELIGHT_BIN names the folder of relightd) */
 #define CLIENT_MESSAGE_MAX ((size_t)1 << 20)
-#include "stream/client.h"
+#include "net/stream/client.h"
 
 #include <signal.h>
 #include <sys/prctl.h>

@@ -6,7 +6,7 @@ difference, and a table of all rooms. A fault that does not compile does not cou
 changes nothing, and so does one that equivalent.txt explains. Builds these tests alone, in build/mutate, a copy of the tree,
 which is kept for the next run. Appends what it finds to build/mutate/results.txt.
 
-ROOM        a folder of server/, or `protocol` or `decoders`; without: all of ROOMS below
+ROOM        a room of server/ by its last name (tables for sky/tables), or `protocol` or `decoders`; without: all of ROOMS below
 --seed N    which faults are drawn (1), or `week`: year and number of this week, so that faults that nobody has seen are drawn; the
             same seed draws the same faults of lines that have not changed
 --count N   how many a room (28)
@@ -43,12 +43,13 @@ WORK = ROOT / "build/mutate"
 RESULTS = WORK / "results.txt"
 TREE = WORK / "tree"
 BUILD = TREE / "build"  # as in any clone, so that ccache knows the objects
-ROOMS = ["env", "brdf", "film", "estimators", "protocol", "decoders", "transport", "bounce", "light", "net", "stream"]
-SOURCES = {"protocol": ["protocol/*.c", "server/message/message_*.c", "server/stream/assembly.c", "server/stream/texels.c"],
-           "decoders": ["server/codec/**/*.[ch]", "server/decoder/*.[ch]"],
-           "light": ["server/light/*.[ch]", "server/resolve/*.[ch]"]}
-TESTS = {"protocol": ["message", "stream"], "decoders": ["codec", "decoder"], "light": ["light", "resolve"]}
-SECONDS = {"estimators": 60.0, "transport": 60.0, "light": 60.0, "bounce": 60.0, "stream": 60.0}  # of tests for each fault, where they take long; else 20
+FOLDERS = {f.rpartition("/")[2]: f for f in (line.split("|")[0].strip() for line in (ROOT / "server/rooms.txt").read_text().split("\n")) if f and f[0] != "#"}
+ROOMS = ["tables", "surface", "film", "estimators", "protocol", "decoders", "cache_direct", "cache_indirect", "frame", "access", "stream"]
+SOURCES = {"protocol": ["protocol/*.c", "server/net/message/message_*.c", "server/net/stream/assembly.c", "server/net/stream/texels.c"],
+           "decoders": ["server/image/codec/**/*.[ch]", "server/import/decoder/*.[ch]"],
+           "frame": ["server/light/frame/*.[ch]", "server/light/resolve/*.[ch]"]}
+TESTS = {"protocol": ["message", "stream"], "decoders": ["codec", "decoder"], "frame": ["frame", "resolve"]}
+SECONDS = {"estimators": 60.0, "cache_direct": 60.0, "frame": 60.0, "cache_indirect": 60.0, "stream": 60.0}  # of tests for each fault, where they take long; else 20
 
 
 def copy_tree():
@@ -170,7 +171,7 @@ class Suite:
 
 
 def sources_of(room):
-    patterns = SOURCES.get(room, [f"server/{room}/**/*.[ch]"])
+    patterns = SOURCES.get(room, [f"server/{FOLDERS[room]}/**/*.[ch]"])
     return sorted(p.relative_to(TREE) for pattern in patterns for p in TREE.glob(pattern))
 
 
@@ -185,6 +186,10 @@ def lacking():
     """Macros of the instruction sets that this processor does not have: no test here runs what is compiled for them."""
     flags = set(re.search(r"^flags\s*:(.*)", Path("/proc/cpuinfo").read_text(encoding="ascii"), re.M)[1].split())
     return [macro for macro, flag in (("__AVX512F__", "avx512f"), ("__AVX2__", "avx2")) if flag not in flags]
+
+
+def room_of(path):
+    return next(room for room, folder in FOLDERS.items() if str(path).startswith(f"server/{folder}/"))
 
 
 def draw(room, seed, count):
@@ -204,7 +209,7 @@ def draw(room, seed, count):
 
 def text_of(claim):
     """The test's function."""
-    text = (TREE / f"tests/unit/{claim.room}/{claim.file}.c").read_text(encoding="utf-8")
+    text = (TREE / f"tests/unit/{FOLDERS.get(claim.room, claim.room)}/{claim.file}.c").read_text(encoding="utf-8")
     return re.search(rf"^static void {claim.name.split('.')[2]}\(.*?^}}", text, re.M | re.S)[0]
 
 
@@ -215,7 +220,7 @@ class Memory:
         self.suite, self.commit, self.seconds, self.known = suite, commit, seconds, {}
         self.judged, self.used = 0, []  # how many anew, and the commits of what is known
         self.tests = {c.name: hashlib.sha1(text_of(c).encode()).hexdigest() for c in suite.claims}
-        self.every = self.hash_of(sorted({p for c in suite.claims for p in (TREE / f"tests/unit/{c.room}").iterdir()}))
+        self.every = self.hash_of(sorted({p for c in suite.claims for p in (TREE / f"tests/unit/{FOLDERS.get(c.room, c.room)}").iterdir()}))
         lines = RESULTS.read_text(encoding="utf-8").split("\n") if resume and RESULTS.exists() else []
         by_name = {c.name: c for c in suite.claims}
         for r in map(json.loads, filter(None, lines)):
@@ -317,11 +322,11 @@ def planted():
     lines = (Path(__file__).with_name("planted.txt")).read_text(encoding="utf-8").split("\n")
     faults = [(line, Path(lines[i + 1]), lines[i + 2][2:], lines[i + 3][2:]) for i, line in enumerate(lines[:-3])
               if lines[i + 1].startswith(("server/", "protocol/"))]
-    claims = claims_of(sorted({path.parts[1] for _, path, _, _ in faults}))
+    claims = claims_of(sorted({room_of(path) for _, path, _, _ in faults}))
     programs, folder, missed = Programs(TREE, BUILD), WORK / f"worker{os.getpid()}", 0
     suites = {room: Suite(room, programs, claims[room]) for room in claims}
     for line, path, old, new in faults:
-        source, suite = (TREE / path).read_text(encoding="utf-8"), suites[path.parts[1]]
+        source, suite = (TREE / path).read_text(encoding="utf-8"), suites[room_of(path)]
         if source.count(old) != 1:
             print(f"{line}: {path} has {source.count(old)} times: {old}")
             missed += 1
@@ -351,8 +356,8 @@ def arguments():
     a = p.parse_args()
     a.rooms = a.rooms or ROOMS
     for room in a.rooms:
-        if room not in SOURCES and not (ROOT / "server" / room).is_dir():
-            p.error(f"there is no room {room}; rooms are the folders of server/, protocol, and decoders")
+        if room not in SOURCES and room not in FOLDERS:
+            p.error(f"there is no room {room}; rooms are the last names in server/rooms.txt, protocol, and decoders")
     return a
 
 

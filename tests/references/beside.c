@@ -1,7 +1,7 @@
 /* beside LEFT.exr RIGHT.exr OUT.jpg: two pictures of one size side by side, under one exposure. */
 #include "base/mem.h"
-#include "codec/decode.h"
-#include "output/output.h"
+#include "image/codec/decode.h"
+#include "image/output/output.h"
 
 #include <stdio.h>
 #include <string.h>

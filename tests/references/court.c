@@ -1,7 +1,7 @@
 /* court FOLDER: writes the built-in scene as court.obj and court.json, for other renderers. All of it is matte, because
  * Cycles has no Phong, and flat, because it shades interpolated normals in its own way. */
-#include "reader/builtin.h"
-#include "scene/mesh_read.h"
+#include "import/reader/builtin.h"
+#include "scene/geometry/mesh_read.h"
 
 #include <stdio.h>
 

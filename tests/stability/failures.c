@@ -4,7 +4,7 @@
  * more of what must hold, so that other random numbers pass too. */
 #include "stability.h"
 
-#include "env/sky_table.h"
+#include "sky/tables/sky_table.h"
 
 enum { SAMPLES = 64, PACKETS = 2, POINTS = PACKETS * PACKET };
 

@@ -2,9 +2,9 @@
  * change midway, maps of the maximum width. */
 #include "stability.h"
 
-#include "codec/image.h"
-#include "env/layout.h"
-#include "env/sky_table.h"
+#include "image/codec/image.h"
+#include "sky/tables/layout.h"
+#include "sky/tables/sky_table.h"
 
 enum { WIDTH = 16, HEIGHT = 12, VALUES = WIDTH * HEIGHT * 3 };
 

@@ -3,10 +3,10 @@
  * direction, by its mean over seeds in standard errors. */
 #include "stability.h"
 
-#include "env/latlong.h"
-#include "brdf/lobe.h"
+#include "scene/surface/lobe.h"
+#include "sky/tables/latlong.h"
 
-#include "env/sampling.h"
+#include "sky/tables/sampling.h"
 
 #define Z_LIMIT 5.2 /* two-sided 2e-7: passed by chance once in 10^4 runs of 500 comparisons */
 

@@ -1,9 +1,9 @@
 /* Seven orders of magnitude in one map: samples beside its sun, and points lit by the rest. */
 #include "stability.h"
 
-#include "env/sky_table.h"
+#include "sky/tables/sky_table.h"
 
-#include "env/sampling.h"
+#include "sky/tables/sampling.h"
 
 #define Z_LIMIT 5.0 /* two-sided 5.7e-7 */
 

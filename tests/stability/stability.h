@@ -2,14 +2,14 @@
  * scenes with everything that lights them, and sums over seeds. */
 #pragma once
 
-#include "estimators/points.h"
-#include "estimators/tracing.h"
+#include "light/estimators/points.h"
+#include "light/estimators/tracing.h"
 
-#include "light/facts.h"
-#include "compare/metrics.h"
-#include "film/film.h"
-#include "light/relight.h"
-#include "resolve/resolve.h"
+#include "image/film/film.h"
+#include "light/frame/facts.h"
+#include "light/frame/relight.h"
+#include "light/resolve/resolve.h"
+#include "measure/compare/metrics.h"
 
 #include <omp.h>
 

@@ -7,8 +7,8 @@
 #include "base/err.h"
 #include "base/handoff.h"
 #include "base/mem.h"
-#include "base/progress.h"
 #include "base/precedence.h"
+#include "base/progress.h"
 #include "base/recent.h"
 
 #include <fcntl.h>

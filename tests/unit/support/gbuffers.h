@@ -1,7 +1,7 @@
 /* A G-buffer, or the failure of the test with the reason. */
 #pragma once
 
-#include "scene/gbuffer.h"
+#include "scene/geometry/gbuffer.h"
 #include "support/unit.h"
 
 /* The caller gives it to gbuffer_destroy. */

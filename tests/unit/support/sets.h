@@ -1,7 +1,7 @@
 /* A set, or the failure of the test with the reason. */
 #pragma once
 
-#include "light/relight.h"
+#include "light/frame/relight.h"
 #include "support/unit.h"
 
 /* The caller gives it to set_destroy. */

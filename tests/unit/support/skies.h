@@ -1,9 +1,9 @@
 /* Skies made for tests: small lat-long pictures with known contents, and the environment made of them. */
 #pragma once
 
-#include "env/environment.h"
 #include "base/mem.h"
 #include "base/rng.h"
+#include "sky/tables/environment.h"
 
 #include <math.h>
 

@@ -1,0 +1,60 @@
+/* Decodes image files.
+ * JPEG and PNG, 8 or 16 bits, as sRGB with white at 1 (image.low_range: they hold no HDR).
+ * OpenEXR, through OpenEXRCore: half and float, every compression, scan lines or tiles (the largest level of mip and
+ * rip maps), any channel order, with or without alpha. The channels are R, G and B; else Y alone, as grey; else those
+ * of the first layer that has all three ("sky.R"). Of a multipart file, the first part that has them is read. The image
+ * is the data window; the display window is ignored, since an environment map is not cropped. An `envmap` attribute
+ * sets the image's layout. Radiance .hdr: old and new RLE, flat, RGBE and XYZE, all eight orientations. The result is
+ * linear Rec.709, top row first. An EXR's chromaticities and an .hdr's EXPOSURE, COLORCORR, PRIMARIES (all zero means
+ * absent) and FORMAT=32-bit_rle_xyze are applied. Every value is sanitised and counted as in image.h. No size is
+ * trusted: before memory is allocated, the image is checked against the limits and against the number of bytes that
+ * could encode it. Thread: any, one image per thread. The caller owns the bytes and the image. */
+#pragma once
+
+#include "base/err.h"
+#include "image/codec/image.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#define DECODE_FILE_MAX ((size_t)1 << 30) /* the largest file that decode_file reads */
+
+/* Decodes a file from memory; `name` stands for it in messages. On failure the contents of *im are undefined but valid,
+ * and it still owns its memory. ERR_FORMAT: damaged, truncated, or none of these formats. ERR_UNSUPPORTED: valid,
+ * but deep, subsampled, integer, luminance with chroma, without colour channels, or gamma-encoded. ERR_RANGE: larger
+ * than image.h allows. ERR_NOMEM. */
+MUST_CHECK enum err decode_image(const uint8_t *bytes, size_t size, const char *name, struct image *im,
+                                 struct reason *why);
+
+/* As decode_image, for bytes that are known to be of one format. */
+MUST_CHECK enum err decode_exr(const uint8_t *bytes, size_t size, const char *name, struct image *im,
+                               struct reason *why);
+/* Likewise for Radiance .hdr. */
+MUST_CHECK enum err decode_hdr(const uint8_t *bytes, size_t size, const char *name, struct image *im,
+                               struct reason *why);
+
+/* Likewise for JPEG. Also ERR_UNSUPPORTED: inks. */
+MUST_CHECK enum err decode_jpeg(const uint8_t *bytes, size_t size, const char *name, struct image *im,
+                                struct reason *why);
+/* Likewise for PNG. */
+MUST_CHECK enum err decode_png(const uint8_t *bytes, size_t size, const char *name, struct image *im,
+                               struct reason *why);
+
+/* Whether the bytes begin like a JPEG or PNG. */
+bool decode_is_low_range(const uint8_t *bytes, size_t size);
+
+/* An implementation of decode_image with a context of its own, such as one that runs in a separate process. */
+struct image_decoder {
+    enum err (*decode)(void *context, const uint8_t *bytes, size_t size, const char *name, struct image *im,
+                       struct reason *why);
+    void *context;
+};
+
+/* Reads and decodes the file at `path`. Errors of decode_image, and ERR_IO: cannot be read; ERR_RANGE: larger than
+ * DECODE_FILE_MAX. */
+MUST_CHECK enum err decode_file(const char *path, struct image *im, struct reason *why);
+
+/* Makes untrusted text printable: copies at most `size` bytes, up to a NUL, to out[room], truncated to room - 1, with
+ * '?' for everything but printable ASCII. Returns out. */
+const char *decode_printable(const void *bytes, size_t size, char *out, size_t room);

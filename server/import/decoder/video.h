@@ -1,0 +1,58 @@
+/* Video streams decoded in the sandboxed process relight-video, packet by packet, to linear texels. The decoder
+ * (decoder.h) must have been created with desc.video. If a packet crashes the process, the stream is lost:
+ * video_is_open returns false, and the caller starts it again. Thread: one per decoder. */
+#pragma once
+
+#include "image/codec/frame.h"
+#include "image/codec/signal.h"
+#include "image/codec/stream_format.h"
+#include "import/decoder/decoder.h"
+
+#define VIDEO_NO_TIME INT64_MIN /* no time stamp */
+
+/* Overrides what a stream says about its colours. */
+struct video_colour {
+    enum signal_transfer transfer; /* AUTO: as the stream says */
+    double peak_cdm2;              /* as signal_desc.peak_cdm2; 0: default */
+};
+
+struct video_desc {
+    const struct stream_format *format;
+    const uint8_t *extra; /* of the codec; may be NULL */
+    size_t extra_size;
+    struct video_colour colour;
+    uint32_t max_side; /* of pictures, texels; 0: IMAGE_MAX_SIDE */
+    const char *name;  /* for messages */
+};
+
+/* Begins a stream; an earlier one is forgotten. ERR_UNSUPPORTED: no decoder for its codec. ERR_FORMAT, ERR_RANGE,
+ * ERR_NOMEM, ERR_IO: no process. */
+MUST_CHECK enum err video_open(struct decoder *d, const struct video_desc *desc, struct reason *why);
+bool video_is_open(const struct decoder *d);
+
+struct video_picture {
+    bool ready;      /* there is one; video_convert has its texels until there is another, or video_flush */
+    int64_t time_us; /* its time stamp, or VIDEO_NO_TIME */
+};
+
+/* The packet's first picture. Call video_next until it has none, before the next packet. ERR_FORMAT: the packet is
+ * damaged; the stream continues if video_is_open. */
+MUST_CHECK enum err video_packet(struct decoder *d, const struct video_desc *desc, const uint8_t *bytes, size_t size,
+                                 int64_t time_us, struct video_picture *out, struct reason *why);
+MUST_CHECK enum err video_next(struct decoder *d, const struct video_desc *desc, struct video_picture *out,
+                               struct reason *why);
+/* After the last packet: the pictures held back, one a call. */
+MUST_CHECK enum err video_drain(struct decoder *d, const struct video_desc *desc, struct video_picture *out,
+                                struct reason *why);
+/* The next packet comes from elsewhere in the stream. */
+MUST_CHECK enum err video_flush(struct decoder *d, const struct video_desc *desc, struct reason *why);
+
+struct video_state {
+    enum signal_transfer transfer; /* of the picture */
+    bool assumed;                  /* the stream does not state it */
+};
+
+/* The texels of the last picture: linear Rec.709, cd/m^2, as FRAME_TEXELS. ERR_UNSUPPORTED: its pixel format or colour.
+ * ERR_RANGE, ERR_FORMAT, ERR_NOMEM. */
+MUST_CHECK enum err video_convert(struct decoder *d, const struct video_desc *desc, struct frame *f,
+                                  struct video_state *out, struct reason *why);

@@ -1,0 +1,36 @@
+/* Messages between a program and relight-demux over a seqpacket socket. A packet's bytes are passed through shared
+ * memory. Private to this room. */
+#pragma once
+
+#include "base/err.h"
+#include "image/codec/stream_format.h"
+
+#include <stdint.h>
+
+#define DEMUX_MAGIC 0x524c4831u /* differs between incompatible builds */
+
+enum { DEMUX_SOCKET = 3, DEMUX_MEMORY = 4, DEMUX_INPUT = 5 }; /* descriptors that the process starts with; the file */
+
+enum demux_ask {
+    DEMUX_ASK_OPEN,
+    DEMUX_ASK_NEXT,
+    DEMUX_ASK_SEEK, /* to the keyframe at or before time_us */
+};
+
+struct demux_request {
+    uint32_t magic;
+    uint32_t ask;    /* enum demux_ask */
+    int64_t time_us; /* SEEK */
+    char url[2048];  /* OPEN; "" of a file. Not an argument of the process: it may hold a password. */
+};
+
+struct demux_answer {
+    uint32_t magic;
+    int32_t result; /* enum err; ERR_END: no packet is left */
+    uint32_t kind;  /* NEXT: enum demux_event */
+    uint32_t key;   /* PACKET: 1: a keyframe */
+    uint64_t size;  /* bytes of the packet, or of the codec's extra data */
+    int64_t time_us;
+    struct stream_format format; /* FORMAT; PACKET: only realtime_us, which may become known late */
+    struct reason why;
+};

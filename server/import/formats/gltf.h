@@ -1,0 +1,233 @@
+/* The parts of our reader of glTF 2.0 [glTF 2.0]. Private to this room. Thread: one at a time. */
+#pragma once
+
+#include "import/formats/parts.h"
+
+#include <jansson.h>
+
+#define GLTF_NONE SIZE_MAX /* in place of an index: the file has none */
+
+enum gltf_list { /* the arrays at the root of the JSON text */
+                 GLTF_ACCESSORS,
+                 GLTF_ANIMATIONS,
+                 GLTF_BUFFERS,
+                 GLTF_BUFFER_VIEWS,
+                 GLTF_CAMERAS,
+                 GLTF_IMAGES,
+                 GLTF_MATERIALS,
+                 GLTF_MESHES,
+                 GLTF_NODES,
+                 GLTF_SAMPLERS,
+                 GLTF_SCENES,
+                 GLTF_SKINS,
+                 GLTF_TEXTURES,
+                 GLTF_LISTS
+};
+
+struct gltf_at {                 /* a value of the JSON text, and its path for messages */
+    const json_t *value;         /* NULL: missing */
+    const struct gltf_at *above; /* NULL: the root */
+    const char *key;             /* in `above`; NULL: `index` counts */
+    size_t index;
+};
+
+struct gltf_buffer { /* read when it is first used */
+    const uint8_t *at;
+    size_t size;
+    struct bytes owned; /* what to free */
+    bool ready;
+};
+
+struct gltf_view {       /* a buffer view */
+    const uint8_t *at;   /* NULL: not needed yet */
+    size_t size, stride; /* stride 0: elements are adjacent */
+    uint8_t *owned;
+};
+
+struct gltf_surface {    /* how the meshes of a material get texture coordinates */
+    size_t uv_set;       /* GLTF_NONE: they need none */
+    double transform[6]; /* KHR_texture_transform: u' = t0 u + t1 v + t2, v' = t3 u + t4 v + t5 */
+};
+
+struct gltf_note { /* elements of one list that a warning is about */
+    size_t first, last, count;
+};
+
+struct gltf_use {     /* how a mesh is used */
+    double count;     /* its places, where they are those of nodes without a skin or weights of their own */
+    uint32_t *shared; /* the scene's mesh of each primitive, plus 1, to be shared; 0: none */
+    bool skipped;     /* has been noted to have points or lines */
+};
+
+struct gltf { /* a file being read */
+    struct scene *scene;
+    const struct model_desc *desc;
+    struct reason *why;
+    struct bytes file;
+    struct bytes chunk; /* binary data of a .glb; within file */
+    json_t *json;
+    struct gltf_at root, lists[GLTF_LISTS];
+    size_t counts[GLTF_LISTS];
+    struct gltf_buffer *buffers;
+    struct gltf_view *views;
+    struct gltf_surface (*surfaces)[2]; /* of each material: uvs and more_uvs of its meshes */
+    uint32_t first_material;            /* in the scene */
+    struct gltf_note skipped;           /* meshes with points or lines */
+    uint32_t plain;        /* the scene's material for primitives without one; MATERIAL_NONE: not needed yet */
+    double (*worlds)[16];  /* of each node, if the file has skins */
+    struct gltf_use *uses; /* of each mesh */
+    uint64_t dropped;      /* degenerate triangles */
+};
+
+/* ---- gltf_json.c: values, and where they are ---- */
+
+/* Writes "FILE: meshes[3].name: TEXT" into g->why and returns e. */
+enum err gltf_fault(const struct gltf *g, const struct gltf_at *at, enum err e, const char *format, ...)
+    PRINTF_LIKE(4, 5);
+/* The same as a warning in the log. */
+void gltf_warn(const struct gltf *g, const struct gltf_at *at, const char *format, ...) PRINTF_LIKE(3, 4);
+
+/* A member, which may be missing. `above` must outlive the result. */
+struct gltf_at gltf_key(const struct gltf_at *above, const char *key);
+struct gltf_at gltf_item(const struct gltf_at *above, size_t index);
+struct gltf_at gltf_element(const struct gltf *g, enum gltf_list list, size_t index);
+/* at.extensions[name]; missing if there are no extensions. For values only: its path lacks "extensions". */
+struct gltf_at gltf_extension(const struct gltf_at *at, const char *name);
+
+/* Read a member; what is missing leaves *out, or becomes `fallback`. ERR_FORMAT: of another type. */
+MUST_CHECK enum err gltf_number(const struct gltf *g, const struct gltf_at *at, const char *key, double *out);
+MUST_CHECK enum err gltf_numbers(const struct gltf *g, const struct gltf_at *at, const char *key, size_t count,
+                                 double *out);
+MUST_CHECK enum err gltf_size(const struct gltf *g, const struct gltf_at *at, const char *key, size_t fallback,
+                              size_t *out);
+/* An index into a list; GLTF_NONE if missing. ERR_FORMAT: beyond its end. */
+MUST_CHECK enum err gltf_index(const struct gltf *g, const struct gltf_at *at, const char *key, enum gltf_list list,
+                               size_t *out);
+/* As gltf_index, of a value itself; ERR_FORMAT also if it is missing. */
+MUST_CHECK enum err gltf_index_of(const struct gltf *g, const struct gltf_at *at, enum gltf_list list, size_t *out);
+bool gltf_flag(const struct gltf_at *at, const char *key); /* whether the member is true */
+/* NULL if missing or no string. */
+const char *gltf_string(const struct gltf_at *at, const char *key);
+
+/* ---- gltf_notes.c: what a warning is about ---- */
+
+/* Notes an element; one that is noted several times in a row counts once. */
+void gltf_note(struct gltf_note *n, size_t index);
+/* Warns if anything was noted: `FILE: material "Glass" and 3 more: TEXT`; nameless ones are `materials[2]`. */
+void gltf_warn_of(const struct gltf *g, enum gltf_list list, const struct gltf_note *n, const char *format, ...)
+    PRINTF_LIKE(4, 5);
+
+/* ---- gltf_container.c: the file, its buffers ---- */
+
+/* Finds the JSON text and the binary chunk in g->file, and parses. ERR_FORMAT, ERR_RANGE, ERR_UNSUPPORTED (glTF 1.0),
+ * ERR_NOMEM. */
+MUST_CHECK enum err gltf_parse(struct gltf *g);
+/* The bytes of a buffer or of a buffer view, valid until the end. ERR_FORMAT, ERR_RANGE, errors of host_read. */
+MUST_CHECK enum err gltf_buffer_bytes(struct gltf *g, size_t index, const uint8_t **at, size_t *size);
+MUST_CHECK enum err gltf_view_bytes(struct gltf *g, size_t index, struct gltf_view *out);
+/* The path of the file that a URI names, relative to the model; decodes %20 and the like. */
+MUST_CHECK enum err gltf_uri_path(const struct gltf *g, const struct gltf_at *at, const char *uri,
+                                  char out[HOST_PATH_MAX]);
+bool gltf_uri_is_data(const char *uri);
+/* The bytes in a data URI, for the caller to free. ERR_FORMAT, ERR_NOMEM. */
+MUST_CHECK enum err gltf_uri_decode(const struct gltf *g, const struct gltf_at *at, const char *uri, struct bytes *out);
+
+/* ---- gltf_meshopt.c: EXT_meshopt_compression ---- */
+
+/* The view's extension; missing: it is not compressed. */
+struct gltf_at gltf_meshopt(const struct gltf_at *view);
+/* Decompresses; sets out->owned, at and size. ERR_FORMAT, ERR_RANGE, ERR_UNSUPPORTED, ERR_NOMEM. */
+MUST_CHECK enum err gltf_meshopt_decode(struct gltf *g, const struct gltf_at *at, struct gltf_view *out);
+
+/* ---- gltf_accessor.c: typed arrays ---- */
+
+enum gltf_type { /* of components; the values of the file */
+                 GLTF_BYTE = 5120,
+                 GLTF_UNSIGNED_BYTE,
+                 GLTF_SHORT,
+                 GLTF_UNSIGNED_SHORT,
+                 GLTF_UNSIGNED_INT = 5125,
+                 GLTF_FLOAT,
+};
+
+struct gltf_run {      /* elements in memory, checked to be there */
+    const uint8_t *at; /* NULL: all zero */
+    size_t stride;
+    enum gltf_type type;
+};
+
+struct gltf_accessor {
+    size_t index, count, components;
+    bool normalized;
+    struct gltf_run elements;
+    size_t sparse_count; /* elements that replace others */
+    struct gltf_run sparse_indices, sparse_values;
+};
+
+/* Bytes of a component; 0 if there is no such type. */
+size_t gltf_type_size(enum gltf_type type);
+
+/* The accessor that the value at `at` names, checked against the bytes of its views. ERR_FORMAT, ERR_RANGE, ERR_NOMEM,
+ * errors of gltf_view_bytes. */
+MUST_CHECK enum err gltf_accessor_open(struct gltf *g, const struct gltf_at *at, struct gltf_accessor *out);
+/* The same without its data, which come from elsewhere. */
+MUST_CHECK enum err gltf_accessor_head(struct gltf *g, const struct gltf_at *at, struct gltf_accessor *out);
+/* ERR_FORMAT: it has not `least` to `most` components. */
+MUST_CHECK enum err gltf_accessor_width(const struct gltf *g, const struct gltf_at *at, size_t least, size_t most,
+                                        const struct gltf_accessor *a);
+/* As gltf_accessor_open; it must have `least` to `most` components. */
+MUST_CHECK enum err gltf_accessor_vector(struct gltf *g, const struct gltf_at *at, size_t least, size_t most,
+                                         struct gltf_accessor *out);
+/* Elements first .. first + count - 1 as numbers, normalized where the file says so: out[count][width]. Missing
+ * components keep what is in `out`. */
+void gltf_accessor_floats(const struct gltf_accessor *a, size_t first, size_t count, size_t width, float *out);
+/* All elements of a scalar accessor of integers. ERR_FORMAT: others. */
+MUST_CHECK enum err gltf_accessor_indices(const struct gltf *g, const struct gltf_at *at, const struct gltf_accessor *a,
+                                          uint32_t *out);
+
+/* ---- gltf_nodes.c: nodes, cameras ---- */
+
+/* Passes all nodes of the scene and adds their meshes, then their cameras if wanted. Errors of the parts. */
+MUST_CHECK enum err gltf_add_nodes(struct gltf *g);
+
+/* ---- gltf_matrix.c ---- */
+
+/* Translation, rotation (a quaternion, w last; need not be unit) and scale. */
+void gltf_compose(const double t[3], const double r[4], const double s[3], double out[16]);
+/* The matrix of a node. */
+MUST_CHECK enum err gltf_node_matrix(const struct gltf *g, const struct gltf_at *node, double out[16]);
+
+/* ---- gltf_animation.c ---- */
+
+/* Poses the nodes as the first animation has them at desc->time; without a time, warns that they stay at rest. Before
+ * anything reads nodes. ERR_FORMAT, ERR_RANGE, ERR_NOMEM. */
+MUST_CHECK enum err gltf_animate(struct gltf *g);
+
+/* ---- gltf_mesh.c ---- */
+
+/* Adds a mesh as `node` carries it: with its weights, its skin, and once per instance. */
+MUST_CHECK enum err gltf_add_mesh(struct gltf *g, size_t mesh, const struct gltf_at *node, const double world[16]);
+
+/* ---- gltf_instances.c ---- */
+
+/* Counts the places of a node that occurs `copies` times, each with its instances, as uses of its mesh. */
+void gltf_count_uses(struct gltf *g, size_t node, double copies);
+
+/* ---- gltf_materials.c ---- */
+
+/* Adds every material in order: material i of the file becomes g->first_material + i in the scene. ERR_FORMAT,
+ * ERR_NOMEM. */
+MUST_CHECK enum err gltf_add_materials(struct gltf *g);
+/* The material of primitives without one, added when first used. ERR_NOMEM. */
+MUST_CHECK enum err gltf_plain_material(struct gltf *g, uint32_t *out);
+
+/* ---- gltf_lamps.c ---- */
+
+/* Adds the light of KHR_lights_punctual that a node holds, if any. What is no light costs a warning. ERR_FORMAT,
+ * ERR_NOMEM. */
+MUST_CHECK enum err gltf_add_node_light(struct gltf *g, const struct gltf_at *node, const double world[16]);
+
+/* ---- gltf_extensions.c ---- */
+
+/* Refuses required extensions that are not supported, and names those that are ignored. ERR_UNSUPPORTED. */
+MUST_CHECK enum err gltf_check_extensions(const struct gltf *g);

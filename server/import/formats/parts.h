@@ -1,0 +1,127 @@
+/* The parts of import.h. Private to this room. Thread: one at a time. */
+#pragma once
+
+#include "import/reader/host.h"
+#include "scene/geometry/scene_build.h"
+
+#include <math.h>
+
+enum model_normals {
+    NORMALS_FLAT,   /* geometric normals */
+    NORMALS_FILE,   /* the file's, else flat */
+    NORMALS_SMOOTH, /* the file's, else computed */
+};
+
+struct model_desc {
+    const struct host *host;
+    const char *path;
+    const char *place;    /* beginning of messages, such as "plaza.json: models[0]"; NULL: they begin with the path */
+    uint32_t material;    /* for the whole model; MATERIAL_NONE: the file's */
+    uint32_t named;       /* number of materials of the scene that replace the model's of the same name; not glTF's */
+    bool camera;          /* import the file's cameras; glTF only */
+    double time;          /* s, at which its animation stands; NAN: at rest. glTF only */
+    double transform[16]; /* column-major, affine */
+    enum model_normals normals;
+};
+
+/* Reads a model, all formats but glTF through Assimp, and adds its meshes, one per node. ERR_IO,
+ * ERR_FORMAT, ERR_RANGE, ERR_UNSUPPORTED, ERR_NOMEM. */
+MUST_CHECK enum err model_load(struct scene *s, const struct model_desc *d, struct reason *why);
+
+/* Checks the header of a .ply file, on which Assimp 5.2 can loop forever. *why has no path. ERR_FORMAT. */
+MUST_CHECK enum err ply_check(const struct bytes *file, struct reason *why);
+
+struct aiFileIO;
+struct aiScene;
+
+/* Files as Assimp asks for them: the model itself, which has been read, and others through the host. */
+struct assimp_files {
+    const struct host *host;
+    const char *path;          /* of the model */
+    const struct bytes *model; /* its contents */
+    struct reason refused;     /* why the first other file could not be opened; empty: none was refused */
+    bool others;               /* a file besides the model was read */
+};
+
+/* Fills the functions; `files` must outlive their use. */
+void assimp_files_init(struct assimp_files *files, struct aiFileIO *out);
+
+/* Reads a glTF 2.0 file (gltf.h), by itself; otherwise as model_load. */
+MUST_CHECK enum err gltf_load(struct scene *s, const struct model_desc *d, struct reason *why);
+
+/* Finds a material for every one that the meshes of a file other than glTF use: map[i] is the scene's for the file's
+ * i-th, MATERIAL_NONE if no mesh uses it. A texture that cannot be read costs a warning. ERR_NOMEM. */
+MUST_CHECK enum err model_add_materials(struct scene *s, const struct aiScene *ai, const struct model_desc *d,
+                                        uint32_t *map, struct reason *why);
+
+/* Whether a model of this file name can be read; if not, *why lists the supported formats. ERR_UNSUPPORTED. */
+MUST_CHECK enum err model_check_format(const char *path, struct reason *why);
+
+/* Sets what a glTF material emits: emissiveFactor times KHR_materials_emissive_strength. The texture is set apart. */
+void gltf_set_emission(struct material *m, struct vec3 factor, double strength);
+
+/* A light of KHR_lights_punctual as the file has it. */
+struct gltf_light {
+    enum light_kind kind;
+    struct vec3 colour;  /* linear Rec.709 */
+    double intensity;    /* candela; directional: lux */
+    double inner, outer; /* radians: a spot's half angles */
+};
+
+/* Adds the light of a node with this matrix (column-major), along whose -Z axis it shines; a scale does not matter.
+ * `place` begins messages. ERR_RANGE, ERR_NOMEM. */
+MUST_CHECK enum err gltf_add_light(struct scene *s, const struct gltf_light *l, const double world[16],
+                                   const char *place, struct reason *why);
+
+/* Whether the extension is .gltf or .glb. */
+bool path_is_gltf(const char *path);
+
+/* Whether the path ends in this extension (".ply"), in either case. */
+bool path_ends_in(const char *path, const char *ending);
+
+/* a * b, both column-major; `out` is neither. */
+void matrix_multiply(const double a[16], const double b[16], double out[16]);
+/* Cofactors of the upper 3x3, which transform normals up to a factor. Returns the determinant. */
+double matrix_cofactors(const double m[16], double c[9]);
+
+/* The rows of a column-major matrix, as mesh_place wants them. */
+void matrix_rows(const double m[16], float rows[3][4]);
+
+/* Whether a mesh that stands at `uses` places is better shared than copied. */
+bool instances_pay(double uses, size_t triangles);
+
+/* The inverse of an affine matrix, column-major. False: it is singular. */
+bool matrix_inverse(const double m[16], double out[16]);
+
+/* Adds meshes first..end - 1, which belong to a model that stands by the matrix `from`, once more where it stands by
+ * `to`: as instances, which share their arrays. ERR_RANGE, and nothing has changed: one does not suit (mesh_place).
+ * ERR_NOMEM. */
+MUST_CHECK enum err meshes_repeat(struct scene *s, size_t first, size_t end, const double from[16],
+                                  const double to[16]);
+
+/* Reads a JSON scene into an empty scene. Errors of import_scene. */
+MUST_CHECK enum err json_load_scene(struct scene *s, const char *path, const struct host *host, struct reason *why);
+
+/* Decodes a PNG, JPEG, WebP or TGA image to a texture that repeats; `name` begins messages. PNG of 16 bits is rounded
+ * to 8. Alpha is 1 with TEXTURE_SRGB, and in JPEG. On ERR_OK the caller owns *out (texture_finish). ERR_FORMAT.
+ * ERR_RANGE: more than TEXTURE_SIDE_MAX per side or TEXTURE_TEXELS_MAX. ERR_UNSUPPORTED: another format. ERR_NOMEM. */
+MUST_CHECK enum err texture_decode(const void *bytes, size_t count, enum texture_values values, const char *name,
+                                   struct texture *out, struct reason *why);
+/* The same from a file. Also ERR_IO. */
+MUST_CHECK enum err texture_load(const struct host *host, const char *path, enum texture_values values,
+                                 struct texture *out, struct reason *why);
+
+/* TGA for texture_decode, which builds the levels: whether it may be one, as no other format begins like it, and its
+ * finest level, with alpha. */
+bool tga_recognise(const void *bytes, size_t count);
+MUST_CHECK enum err tga_decode(const void *bytes, size_t count, enum texture_values values, const char *name,
+                               struct texture *out, struct reason *why);
+
+/* ERR_RANGE: an image of no size, or one above the limits of texture_decode. */
+MUST_CHECK enum err texture_check_size(uint64_t width, uint64_t height, const char *name, struct reason *why);
+
+/* [IEC 61966-2-1, section 5.2], from 0..1 */
+static inline float srgb_to_linear(float v)
+{
+    return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
+}

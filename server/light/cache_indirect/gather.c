@@ -1,0 +1,471 @@
+/* Gathers the light that shade points receive from records: per cell, to find the basis; in the basis, for the blocks.
+ */
+#include "light/cache_indirect/compress.h"
+
+#include "base/cancel.h"
+#include "base/denormals.h"
+#include "base/mem.h"
+#include "base/precedence.h"
+#include "light/cache/cache_share.h"
+#include "light/cache/memory.h"
+#include "light/cache_indirect/smooth.h"
+
+#include <cblas.h>
+#include <omp.h>
+
+#include <math.h>
+#include <string.h>
+
+#define TOLERANCE 0.035
+#define FLOOR 0.03f     /* share of a block's mean light; darker points are weighted as if they had this much */
+#define BATCH 32u       /* groups */
+#define FIRST_SHARE 4u  /* of a matte point's rays, one in so many is traced where enough points are alike, */
+#define FIRST_LEAST 12u /* if these are as many */
+#define ENOUGH 64.0f    /* points alike */
+
+/* A shade point with its BRDF, whose parts are rows (light/cache_direct/parts.h). */
+struct point {
+    struct vec3 at, wo;
+    struct lobe own;
+    uint32_t rows;
+};
+
+static struct point point_of(const struct shade_packet *p, uint32_t l, uint32_t rows)
+{
+    return (struct point){
+        .at = { p->x[l], p->y[l], p->z[l] },
+        .wo = { p->wo_x[l], p->wo_y[l], p->wo_z[l] },
+        .own = { .kind = (enum lobe_kind)p->kind,
+                 .geometric = { p->ng_x[l], p->ng_y[l], p->ng_z[l] },
+                 .shading = { p->ns_x[l], p->ns_y[l], p->ns_z[l] },
+                 .specular = { 1.0f, 1.0f, 1.0f },
+                 .gloss = (double)p->gloss[l] },
+        .rows = rows,
+    };
+}
+
+/* BRDF times cosine by rows, for light from w; colours separate the rows, as in transport's kernel. */
+static bool rows_at(const struct point *p, struct vec3 w, double row[TRANSPORT_ROWS])
+{
+    const double cosine = (double)vec3_dot(p->own.shading, w);
+    struct lobe l = p->own;
+    double brdf[3];
+
+    l.diffuse = vec3_make(0.0f, 0.0f, 1.0f);
+    l.specular = vec3_make(0.0f, 1.0f, 0.0f);
+    lobe_evaluate(&l, p->wo, w, brdf);
+    row[0] = fmax(0.0, brdf[2] - brdf[0]) * cosine;
+    row[1] = fmax(0.0, brdf[1] - brdf[0]) * cosine;
+    row[2] = brdf[0] * cosine;
+    return brdf[0] + brdf[1] + brdf[2] > 0.0;
+}
+
+/* Per thread. */
+struct gatherer {
+    const struct bounce_build *build;
+    struct bounce_world world;
+    struct bounce_ends ends;
+};
+
+static void add_light(const struct gatherer *g, uint32_t record, float weight, float *to)
+{
+    _Alignas(64) float light[SKY_CELLS];
+
+    g->build->widen(g->build->light + (size_t)record * SKY_CELLS, light, SKY_CELLS);
+    for (uint32_t i = 0; i < SKY_CELLS; i++)
+        to[i] += weight * light[i];
+}
+
+/* Adds the ends of one ray: rows[r] += weight[r] * ends. */
+static void take_ends(const struct gatherer *g, const double weight[TRANSPORT_ROWS], uint32_t rows, size_t stride,
+                      float *out, bool cells)
+{
+    const struct bounce_build *b = g->build;
+    const uint32_t k = b->b->basis.count, records = b->records.count;
+
+    for (uint32_t i = 0; i < g->ends.count; i++) {
+        const struct bounce_end *e = &g->ends.at[i];
+        for (uint32_t r = 0; r < rows; r++) {
+            const float w[3] = { (float)(weight[r] * (double)e->weight[0]), (float)(weight[r] * (double)e->weight[1]),
+                                 (float)(weight[r] * (double)e->weight[2]) };
+            float *to = out + r * stride;
+            if (!cells)
+                bounce_kernels_of(b->b->kernels)->add(to, b->sources + (size_t)e->source * 3 * k, w, k);
+            else if (e->source >= records)
+                to[e->source - records] += rgb_luminance(w[0], w[1], w[2]);
+            else
+                add_light(g, e->source, rgb_luminance(w[0], w[1], w[2]), to);
+        }
+    }
+}
+
+/* Of a point's `rays` rays by the matte part, and as many by the lobe if it has one, those traced now: from the
+ * first-th of each kind to the one before the until-th. */
+struct turn {
+    uint32_t rays, first, until;
+};
+
+/* Chooses the i-th ray's direction, by the matte part (part 0) or the lobe (1), and its rows over the density of both.
+ * False: it brings nothing. */
+static bool aim_ray(const struct gatherer *g, const struct point *p, uint64_t seed, const struct turn *turn, int part,
+                    uint32_t i, struct vec3 *w, double row[TRANSPORT_ROWS])
+{
+    const struct bounce_spot spot = { .geometric = p->own.geometric, .shading = p->own.shading };
+    double x[3] = { 0.0 };
+    float unused;
+
+    for (int c = 0; c < 2; c++)
+        x[1 + c] = rng_unit((uint64_t)(g->build->numbers[part][i][c] * 0x1p53) << 11 ^ rng_mix(seed, (uint64_t)c));
+    if (part == 0)
+        bounce_leave(&spot, x + 1, w, &unused);
+    else
+        *w = lobe_sample(&p->own, p->wo, x);
+    if (!rows_at(p, *w, row))
+        return false;
+    double density = turn->rays * fmax(0.0, (double)vec3_dot(p->own.shading, *w)) / PI;
+    if (p->rows > 1)
+        density += turn->rays * lobe_density(&p->own, p->wo, *w);
+    for (int r = 0; r < TRANSPORT_ROWS; r++)
+        row[r] /= density;
+    return density > 0.0;
+}
+
+/* Traces a turn of a point's rays, combined by the balance heuristic. Adds to the rows at `out`, stride floats apart,
+ * and to open[row] the direct light of a sky of radiance 1. Returns the sum of one over the distance of the matte
+ * part's hits, m^-1. */
+static double gather_point(struct gatherer *g, const struct point *p, uint64_t seed, const struct turn *turn,
+                           float *out, size_t stride, bool cells, float open[TRANSPORT_ROWS])
+{
+    struct rng rng = { rng_mix(seed, 2 + turn->first) };
+    double near = 0.0;
+
+    precedence_give_way(g->build->desc->urgent);
+    for (int part = 0; part < (p->rows > 1 ? 2 : 1); part++)
+        for (uint32_t i = turn->first; i < turn->until; i++) {
+            double row[TRANSPORT_ROWS];
+            struct vec3 w;
+            if (!aim_ray(g, p, seed, turn, part, i, &w, row))
+                continue;
+            g->ends.count = 0;
+            const float t = bounce_walk(&g->world, p->at, w, &rng, &g->ends);
+            near += part == 0 ? 1.0 / fmax((double)t, 1e-6) : 0.0;
+            for (int r = 0; r < TRANSPORT_ROWS; r++)
+                open[r] += isinf(t) ? (float)row[r] : 0.0f;
+            take_ends(g, row, p->rows, stride, out, cells);
+        }
+    return near;
+}
+
+static void gatherer_init(struct gatherer *g, const struct bounce_build *b)
+{
+    *g = (struct gatherer){ .build = b, .world = { b->desc->scene, b->desc->rays, &b->records, NULL } };
+}
+
+/* ---- The basis ---- */
+
+static uint32_t rows_of_block(const struct bounce_build *b, uint32_t k)
+{
+    return b->b->blocks[k].rows;
+}
+
+/* Point i: the first effort.basis_points are spread evenly over the blocks, then basis_records over the records. */
+static bool basis_point(const struct bounce_build *b, uint32_t i, struct point *out)
+{
+    const uint32_t points = b->effort->basis_points, records = b->effort->basis_records;
+    const struct bounce *t = b->b;
+
+    if (i < points) {
+        if (t->block_count == 0)
+            return false;
+        const uint64_t slots = (uint64_t)t->block_count * TRANSPORT_POINTS;
+        const uint64_t slot = (uint64_t)i * slots / points + rng_mix(b->desc->seed, i) % (slots / points + 1);
+        const uint32_t k = (uint32_t)(slot / TRANSPORT_POINTS) % t->block_count;
+        const struct bounce_block *block = &t->blocks[k];
+        const struct shade_packet *p =
+            &t->gbuffer->packets[block->first + slot % TRANSPORT_POINTS / PACKET % block->packets];
+        *out = point_of(p, (uint32_t)(slot % PACKET) % p->count, rows_of_block(b, k));
+        return true;
+    }
+    if (b->records.count == 0)
+        return false;
+    const uint32_t r = (uint32_t)((uint64_t)(i - points) * b->records.count / records);
+    const struct bounce_spot *s = &b->records.spots[(size_t)r * BOUNCE_SPOTS];
+    *out = (struct point){ .at = s->at,
+                           .wo = s->shading,
+                           .own = { .kind = LOBE_LAMBERT, .geometric = s->geometric, .shading = s->shading },
+                           .rows = 1 };
+    return true;
+}
+
+enum err bounce_make_basis(struct bounce_build *b)
+{
+    const uint32_t rows = b->effort->basis_points + b->effort->basis_records;
+    const struct turn turn = { b->effort->basis_rays, 0, b->effort->basis_rays };
+    float *m = mem_alloc((size_t)rows * SKY_CELLS, sizeof(*m));
+    enum err e = m ? ERR_OK : ERR_NOMEM;
+    uint64_t rays = 0;
+    int failed = 0;
+
+    if (e)
+        return e;
+#pragma omp parallel reduction(+ : rays, failed)
+    {
+        struct gatherer g;
+        gatherer_init(&g, b);
+#pragma omp for schedule(dynamic, 8)
+        for (uint32_t i = 0; i < rows; i++) {
+            struct point p;
+            float unused[TRANSPORT_ROWS] = { 0.0f };
+            if (!is_cancelled(b->desc->cancel) &&
+                basis_point(b, i, &p)) /* all rows of a point's BRDF share a row of the matrix */
+                gather_point(&g, &p, rng_mix(rng_mix(b->desc->seed, 3), i), &turn, m + (size_t)i * SKY_CELLS, 0, true,
+                             unused);
+        }
+        rays += g.ends.rays;
+        failed += g.ends.failed;
+        mem_free(g.ends.at);
+    }
+    b->rays += rays;
+    if (failed)
+        e = ERR_NOMEM;
+    if (!e && !is_cancelled(b->desc->cancel))
+        e = bounce_basis_init(&b->b->basis, m, rows, b->effort->basis);
+    mem_free(m);
+    return e;
+}
+
+/* ---- Blocks ---- */
+
+struct bench { /* per thread */
+    struct gatherer gatherer;
+    float *matrix;                                   /* [TRANSPORT_ROWS][BOUNCE_GROUP_POINTS][3 K] */
+    float *smooth;                                   /* [BOUNCE_GROUP_POINTS][3 K]: the matte row, smoothed */
+    float open[BOUNCE_GROUP_POINTS][TRANSPORT_ROWS]; /* direct light of a sky of radiance 1 */
+    double near[BOUNCE_GROUP_POINTS];                /* sum of one over the distance of hits, m^-1 */
+    bool enough[BOUNCE_GROUP_POINTS];                /* points alike for few rays */
+    struct bounce_smoother *smoother;
+    struct bounce_workspace *workspace;
+};
+
+/* A row of a block as it is compressed: [points][3 K]. */
+static float *row_of(const struct bounce_build *b, const struct bench *w, uint32_t slot, uint32_t row)
+{
+    const size_t wide = 3 * (size_t)b->b->basis.count, first = (size_t)slot * TRANSPORT_POINTS;
+
+    return row == 0 ? w->smooth + first * wide : w->matrix + (row * (size_t)BOUNCE_GROUP_POINTS + first) * wide;
+}
+
+/* The weight of a point's error in row r: the row's colour, relative to all light of the point under a sky of radiance
+ * 1. */
+static void fill_scales(const struct bounce_build *b, const struct bench *w, const struct bounce_block *block,
+                        uint32_t slot, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS])
+{
+    const uint32_t points = block->packets * PACKET, k = b->b->basis.count;
+    float whole[TRANSPORT_POINTS] = { 0.0f }, mean = 0.0f;
+
+    for (uint32_t r = 0; r < block->rows; r++)
+        for (uint32_t p = 0; p < points; p++) {
+            const float *row = row_of(b, w, slot, r) + (size_t)p * 3 * k;
+            float light = w->open[slot * TRANSPORT_POINTS + p][r];
+            for (uint32_t i = 0; i < 3 * k; i++)
+                light += row[i] * b->even[i % k] / 3.0f;
+            scale[r][p] = transport_mean_colour(&b->b->gbuffer->packets[block->first + p / PACKET], r, p % PACKET);
+            whole[p] += scale[r][p] * light;
+        }
+    for (uint32_t p = 0; p < points; p++)
+        mean += fmaxf(whole[p], 0.0f) / (float)points;
+    for (uint32_t r = 0; r < block->rows; r++)
+        for (uint32_t p = 0; p < points; p++)
+            scale[r][p] = mean > 0.0f ? fmaxf(scale[r][p] / fmaxf(whole[p], FLOOR * mean), 1e-3f) : 1.0f;
+}
+
+/* The rays that every point of a block traces: a matte one's first FIRST_SHARE. */
+static uint32_t first_rays(const struct bounce_build *b, const struct bounce_block *block)
+{
+    const uint32_t few = b->gather / FIRST_SHARE;
+
+    return block->rows == 1 && few >= FIRST_LEAST ? few : b->gather;
+}
+
+static void gather_turn(const struct bounce_build *b, struct bench *w, const struct bounce_block *block, uint32_t at,
+                        uint32_t first, uint32_t until)
+{
+    const uint32_t i = at % TRANSPORT_POINTS, packet = block->first + i / PACKET, l = i % PACKET;
+    const size_t wide = 3 * (size_t)b->b->basis.count, stride = BOUNCE_GROUP_POINTS * wide;
+    const struct point point = point_of(&b->b->gbuffer->packets[packet], l, block->rows);
+    const struct turn turn = { b->gather, first, until };
+    const uint64_t seed = rng_mix(rng_mix(b->desc->seed, 4), (uint64_t)packet * PACKET + l);
+
+    const double near =
+        gather_point(&w->gatherer, &point, seed, &turn, w->matrix + at * wide, stride, false, w->open[at]);
+    w->near[at] += near;
+    w->smoother->near[at] = (float)(until / fmax(w->near[at], 1e-12));
+}
+
+static void gather_block(const struct bounce_build *b, struct bench *w, const struct bounce_block *block, uint32_t slot)
+{
+    const size_t wide = 3 * (size_t)b->b->basis.count, stride = BOUNCE_GROUP_POINTS * wide;
+    struct bounce_smoother *s = w->smoother;
+
+    for (uint32_t i = 0; i < TRANSPORT_POINTS; i++) {
+        const struct shade_packet *p = &b->b->gbuffer->packets[block->first + i / PACKET];
+        const uint32_t l = i % PACKET, at = slot * TRANSPORT_POINTS + i;
+        s->used[at] = i < block->packets * PACKET && l < p->count;
+        for (uint32_t r = 0; r < block->rows; r++)
+            memset(w->matrix + r * stride + at * wide, 0, wide * sizeof(float));
+        memset(w->open[at], 0, sizeof(w->open[at]));
+        w->near[at] = 0.0;
+        if (!s->used[at])
+            continue;
+        const float place[3] = { p->x[l], p->y[l], p->z[l] }, normal[3] = { p->ns_x[l], p->ns_y[l], p->ns_z[l] };
+        for (int c = 0; c < 3; c++) {
+            s->at[c][at] = place[c];
+            s->normal[c][at] = normal[c];
+        }
+        gather_turn(b, w, block, at, 0, first_rays(b, block));
+    }
+}
+
+/* The noise of a point's light is that of all points whose light is averaged with its own. Points with few such points
+ * trace the rest of their rays; the others' first rays count for all. */
+static void gather_rest(const struct bounce_build *b, struct bench *w, const struct bounce_group *g)
+{
+    const size_t wide = 3 * (size_t)b->b->basis.count;
+    const uint32_t points = g->count * TRANSPORT_POINTS, reach = b->effort->reach;
+
+    for (uint32_t at = 0; at < points; at++)
+        w->enough[at] = w->smoother->used[at] && bounce_alike(w->smoother, g->count, reach, at) >= ENOUGH;
+    for (uint32_t at = 0; at < points; at++) {
+        const struct bounce_block *block = &b->b->blocks[g->first + at / TRANSPORT_POINTS];
+        const uint32_t few = first_rays(b, block);
+        if (!w->smoother->used[at] || few == b->gather)
+            continue;
+        if (w->enough[at]) {
+            cblas_sscal((int)wide, (float)b->gather / (float)few, w->matrix + at * wide, 1);
+            w->open[at][0] *= (float)b->gather / (float)few;
+        } else {
+            gather_turn(b, w, block, at, few, b->gather);
+        }
+    }
+}
+
+static enum err gather_group(const struct bounce_build *b, struct bench *w, struct bounce_group *g)
+{
+    const double least = TOLERANCE * TOLERANCE / (SKY_CELLS * g->rows);
+    struct bounce_block *blocks = b->b->blocks + g->first;
+    float scale[TRANSPORT_ROWS][TRANSPORT_POINTS];
+    enum err e = ERR_OK;
+
+    for (uint32_t k = 0; k < g->count; k++)
+        gather_block(b, w, &blocks[k], k);
+    gather_rest(b, w, g);
+    if (w->gatherer.ends.failed)
+        return ERR_NOMEM;
+    bounce_smooth(w->smoother, g->count, b->effort->reach, 3 * b->b->basis.count, w->matrix, w->smooth);
+    bounce_compress_begin(w->workspace);
+    for (uint32_t k = 0; k < g->count; k++) {
+        const uint32_t points = blocks[k].packets * PACKET;
+        fill_scales(b, w, &blocks[k], k, scale);
+        for (uint32_t r = 0; r < g->rows; r++)
+            bounce_compress_block(w->workspace, k, r, points, row_of(b, w, k, r), scale[r], least);
+    }
+    for (uint32_t r = 0; r < g->rows && !e; r++)
+        e = bounce_compress_end(w->workspace, g, blocks, r, least);
+    return e;
+}
+
+static bool bench_init(struct bench *w, const struct bounce_build *b)
+{
+    const size_t matrix = (size_t)BOUNCE_GROUP_POINTS * 3 * b->b->basis.count;
+
+    gatherer_init(&w->gatherer, b);
+    w->matrix = mem_alloc(TRANSPORT_ROWS * matrix, sizeof(float));
+    w->smooth = mem_alloc(matrix, sizeof(float));
+    w->workspace = bounce_workspace_create(b->b->basis.count);
+    w->smoother = bounce_smoother_create();
+    return w->matrix && w->smooth && w->workspace && w->smoother;
+}
+
+static void bench_finish(struct bench *w)
+{
+    mem_free(w->matrix);
+    mem_free(w->smooth);
+    mem_free(w->gatherer.ends.at);
+    bounce_smoother_destroy(w->smoother);
+    bounce_workspace_destroy(w->workspace);
+}
+
+/* Gathers a batch of groups. The memory limit is checked after each batch, so that the result does not depend on the
+ * number of threads. */
+static enum err gather_batch(struct bounce_build *b, struct bench *benches, uint32_t first, uint32_t until)
+{
+    int failed = 0;
+
+#pragma omp parallel reduction(+ : failed)
+    {
+        struct bench *w = &benches[omp_get_thread_num()];
+        const unsigned before = denormals_flush();
+#pragma omp for schedule(dynamic, 1)
+        for (uint32_t k = first; k < until; k++) {
+            if (is_cancelled(b->desc->cancel) || !cache_share_computes(b->desc->share, k))
+                continue;
+            struct bounce_group *g = &b->b->groups[k];
+            failed += gather_group(b, w, g) != ERR_OK;
+            for (uint32_t i = g->first; i < g->first + g->count; i++)
+                progress_step(b->desc->progress, b->b->blocks[i].packets);
+        }
+        denormals_restore(before);
+    }
+    return failed ? ERR_NOMEM : ERR_OK;
+}
+
+static uint64_t group_bytes(const struct bounce *b, const struct bounce_group *g)
+{
+    uint64_t bytes = 0;
+
+    for (uint32_t r = 0; r < g->rows; r++)
+        bytes += bounce_piece_bytes(g, b->blocks + g->first, r);
+    return bytes;
+}
+
+/* The coefficients of a sky of radiance 1. */
+static enum err make_even(struct bounce_build *b)
+{
+    const struct bounce_basis *basis = &b->b->basis;
+
+    b->even = mem_alloc(basis->count, sizeof(*b->even));
+    for (uint32_t k = 0; b->even && k < basis->count; k++)
+        for (uint32_t i = 0; i < SKY_CELLS; i++)
+            b->even[k] += basis->rows[(size_t)k * SKY_CELLS + i];
+    return b->even ? ERR_OK : ERR_NOMEM;
+}
+
+enum err bounce_gather_blocks(struct bounce_build *b)
+{
+    uint64_t bytes = b->b->stats.bytes;
+    const uint32_t threads = (uint32_t)omp_get_max_threads();
+    struct bench *benches = mem_alloc(threads, sizeof(*benches));
+    enum err e = benches ? bounce_group(b->b, b->desc) : ERR_NOMEM;
+
+    if (!e)
+        e = make_even(b);
+    const uint32_t count = b->b->group_count;
+
+    for (uint32_t i = 0; i < threads && !e; i++)
+        e = bench_init(&benches[i], b) ? ERR_OK : ERR_NOMEM;
+    for (uint32_t first = 0; first < count && !e && !is_cancelled(b->desc->cancel); first += BATCH) {
+        const uint32_t until = first + BATCH < count ? first + BATCH : count;
+        e = gather_batch(b, benches, first, until);
+        for (uint32_t k = first; k < until; k++)
+            bytes += group_bytes(b->b, &b->b->groups[k]);
+        if (!e && !cache_memory_suffices(b->desc->max_bytes, bytes))
+            e = ERR_RANGE;
+    }
+    for (uint32_t i = 0; benches && i < threads; i++) {
+        b->own_rays += benches[i].gatherer.ends.rays;
+        bench_finish(&benches[i]);
+    }
+    b->rays += b->own_rays;
+    mem_free(benches);
+    return e;
+}

@@ -1,0 +1,160 @@
+/* Reduces the noise of gathered light: each point gets a weighted mean over similar points, whose rays are
+ * independent. */
+#include "light/cache_indirect/smooth.h"
+
+#include "base/mem.h"
+
+#include <cblas.h>
+
+#include <math.h>
+#include <string.h>
+
+#define LIKENESS 0.3f /* largest difference of points that are averaged, as the error of [Ward et al. 1988] */
+#define FLAT 1e-3     /* share of the mean squared distance: no slope is fitted along directions with less */
+
+struct bounce_smoother *bounce_smoother_create(void)
+{
+    return mem_alloc(1, sizeof(struct bounce_smoother));
+}
+
+void bounce_smoother_destroy(struct bounce_smoother *s)
+{
+    mem_free(s);
+}
+
+/* Weight of point q in the mean of point p: 0 if their distance, relative to the surfaces around, or their normals
+ * differ too much. */
+static inline float likeness(const struct bounce_smoother *s, uint32_t p, uint32_t q)
+{
+    const float x = s->at[0][q] - s->at[0][p], y = s->at[1][q] - s->at[1][p], z = s->at[2][q] - s->at[2][p];
+    const float same =
+        s->normal[0][q] * s->normal[0][p] + s->normal[1][q] * s->normal[1][p] + s->normal[2][q] * s->normal[2][p];
+    const float near = s->near[q] < s->near[p] ? s->near[q] : s->near[p];
+    const float turned = same < 1.0f ? 1.0f - same : 0.0f;
+    const float unlike = sqrtf(x * x + y * y + z * z) / near + sqrtf(turned);
+
+    return s->used[q] && unlike < LIKENESS ? 1.0f - unlike / LIKENESS : 0.0f;
+}
+
+static void fill_likeness(const struct bounce_smoother *s, uint32_t p, uint32_t first, uint32_t until, float *out)
+{
+    for (uint32_t q = first; q < until; q++)
+        out[q] = likeness(s, p, q);
+}
+
+/* The points that block b is averaged with. */
+static void find_reach(uint32_t b, uint32_t blocks, uint32_t reach, uint32_t *first, uint32_t *until)
+{
+    *first = b > reach ? (b - reach) * TRANSPORT_POINTS : 0;
+    *until = (b + reach < blocks ? b + reach + 1 : blocks) * TRANSPORT_POINTS;
+}
+
+float bounce_alike(const struct bounce_smoother *s, uint32_t blocks, uint32_t reach, uint32_t p)
+{
+    uint32_t first, until;
+    float sum = 0.0f;
+
+    find_reach(p / TRANSPORT_POINTS, blocks, reach, &first, &until);
+    for (uint32_t q = first + p % 4; q < until; q += 4)
+        sum += 4.0f * likeness(s, p, q);
+    return sum;
+}
+
+/* x of A x = b, A symmetric and positive. */
+static void solve3(const double a[3][3], const double b[3], double x[3])
+{
+    const double c0 = a[1][1] * a[2][2] - a[1][2] * a[1][2], c1 = a[0][2] * a[1][2] - a[0][1] * a[2][2],
+                 c2 = a[0][1] * a[1][2] - a[0][2] * a[1][1];
+    const double d1 = a[0][0] * a[2][2] - a[0][2] * a[0][2], d2 = a[0][1] * a[0][2] - a[0][0] * a[1][2],
+                 e2 = a[0][0] * a[1][1] - a[0][1] * a[0][1];
+    const double determinant = a[0][0] * c0 + a[0][1] * c1 + a[0][2] * c2;
+
+    x[0] = (c0 * b[0] + c1 * b[1] + c2 * b[2]) / determinant;
+    x[1] = (c1 * b[0] + d1 * b[1] + d2 * b[2]) / determinant;
+    x[2] = (c2 * b[0] + d2 * b[1] + e2 * b[2]) / determinant;
+}
+
+/* Writes the points from first to until - 1 whose weight is not 0; returns their number. */
+static uint32_t list_alike(const float *w, uint32_t first, uint32_t until, uint16_t *out)
+{
+    uint32_t count = 0;
+
+    for (uint32_t q = first; q < until; q++) {
+        out[count] = (uint16_t)q;
+        count += w[q] != 0.0f;
+    }
+    return count;
+}
+
+/* Turns likeness into weights that sum to 1 and evaluate at p the plane fitted to the others' light, so that a gradient
+ * causes no error if all of them are on one side, as at a group's border [Cleveland 1979]. */
+static void centre(const struct bounce_smoother *s, uint32_t p, uint32_t first, uint32_t until, float *w)
+{
+    double sum = 0.0, mean[3] = { 0.0 }, spread[3][3] = { { 0.0 } }, off[3], slope[3];
+    uint16_t list[BOUNCE_GROUP_POINTS];
+    const uint32_t count = list_alike(w, first, until, list);
+
+    for (uint32_t k = 0; k < count; k++) {
+        const uint32_t q = list[k];
+        sum += (double)w[q];
+        for (int c = 0; c < 3; c++)
+            mean[c] += (double)w[q] * (double)s->at[c][q];
+    }
+    for (int c = 0; c < 3; c++) {
+        mean[c] /= sum;
+        off[c] = (double)s->at[c][p] - mean[c];
+    }
+    for (uint32_t k = 0; k < count; k++) {
+        const uint32_t q = list[k];
+        const double d[3] = { (double)s->at[0][q] - mean[0], (double)s->at[1][q] - mean[1],
+                              (double)s->at[2][q] - mean[2] };
+        for (int i = 0; i < 3; i++)
+            for (int j = i; j < 3; j++)
+                spread[i][j] += (double)w[q] / sum * d[i] * d[j];
+    }
+    const double flat = FLAT * (spread[0][0] + spread[1][1] + spread[2][2]) + 1e-30;
+    for (int i = 0; i < 3; i++) {
+        spread[i][i] += flat;
+        for (int j = 0; j < i; j++)
+            spread[i][j] = spread[j][i];
+    }
+    solve3((const double(*)[3])spread, off, slope);
+    for (uint32_t k = 0; k < count; k++) {
+        const uint32_t q = list[k];
+        const double on = ((double)s->at[0][q] - mean[0]) * slope[0] + ((double)s->at[1][q] - mean[1]) * slope[1] +
+                          ((double)s->at[2][q] - mean[2]) * slope[2];
+        w[q] = (float)((double)w[q] / sum * (1.0 + on));
+    }
+}
+
+static bool is_zero(const float *w, uint32_t stride, uint32_t first)
+{
+    for (uint32_t p = 0; p < TRANSPORT_POINTS; p++)
+        for (uint32_t q = 0; q < TRANSPORT_POINTS; q++)
+            if (w[p * stride + first + q] != 0.0f)
+                return false;
+    return true;
+}
+
+void bounce_smooth(struct bounce_smoother *s, uint32_t blocks, uint32_t reach, uint32_t wide, const float *from,
+                   float *to)
+{
+    const uint32_t side = TRANSPORT_POINTS;
+
+    for (uint32_t b = 0; b < blocks; b++) {
+        uint32_t first, until;
+        find_reach(b, blocks, reach, &first, &until);
+        memset(s->weights, 0, sizeof(s->weights));
+        for (uint32_t p = 0; p < side; p++)
+            if (s->used[b * side + p]) {
+                fill_likeness(s, b * side + p, first, until, s->weights[p]);
+                centre(s, b * side + p, first, until, s->weights[p]);
+            }
+        memset(to + (size_t)b * side * wide, 0, (size_t)side * wide * sizeof(*to));
+        for (uint32_t k = first; k < until; k += side)
+            if (!is_zero(s->weights[0], BOUNCE_GROUP * side, k))
+                cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)side, (int)wide, (int)side, 1.0f,
+                            s->weights[0] + k, (int)(BOUNCE_GROUP * side), from + (size_t)k * wide, (int)wide, 1.0f,
+                            to + (size_t)b * side * wide, (int)wide);
+    }
+}

@@ -1,0 +1,269 @@
+#include "light/frame/beside.h"
+
+#include "base/cancel.h"
+#include "base/mem.h"
+#include "base/rng.h"
+#include "light/frame/relight_plan.h"
+#include "light/resolve/backplate.h"
+
+#include <string.h>
+
+#define GROW_S 0.1 /* of an image, for paths to be stored; none in the first */
+/* Relative to a white surface under the whole sky: the limit on a path that hits the sky behind mirrors and glass. Such
+ * a path finds a sun once in 10^5 times and is then brighter by the same factor, which would leave a speck for
+ * minutes. */
+#define BRIGHTEST 4.0
+
+#define MOST_PATHS 2 /* of a point, where eye paths find caustics */
+
+struct beside {
+    const struct set *set;
+    struct denoiser *denoiser;
+    struct history *history;
+    size_t points, values; /* floats of all shade points, of an image */
+    size_t images;         /* 1; with a ground 2: the second is for splats on it */
+    float *weight;         /* [packet_count][16]: sum of a point's weights, if it is seen directly; else 0 */
+    float *stored[2];      /* [packet_count][3][16], as the next */
+    float *shown;
+    float *image, *rest; /* [images][height][width][3]; rest: splats without a shade point, summed over images */
+    uint32_t pictures;   /* in rest: since the sky or the estimator changed */
+    uint64_t key;        /* of the last image */
+    const struct relight_desc *grows; /* the image's, if stored paths are to grow; else NULL */
+};
+
+struct beside *beside_create(const struct set *set, struct denoiser *denoiser)
+{
+    struct beside *b = mem_alloc(1, sizeof(*b));
+    const struct gbuffer *g = set->gbuffer;
+
+    if (!b)
+        return NULL;
+    b->set = set;
+    b->denoiser = denoiser;
+    b->points = (size_t)g->packet_count * 3 * PACKET;
+    b->values = (size_t)g->width * g->height * 3;
+    b->images = set->scene->ground.radius > 0.0f ? 2 : 1;
+    b->history = history_create(g, denoiser);
+    b->weight = mem_alloc((size_t)g->packet_count * PACKET, sizeof(float));
+    for (int k = 0; k < 2; k++)
+        b->stored[k] = mem_alloc(b->points, sizeof(float));
+    b->shown = mem_alloc(b->points, sizeof(float));
+    b->image = mem_alloc(b->images * b->values, sizeof(float));
+    b->rest = mem_alloc(b->images * b->values, sizeof(float));
+    if (!b->history || !b->weight || !b->stored[0] || !b->stored[1] || !b->shown || !b->image || !b->rest) {
+        beside_destroy(b);
+        return NULL;
+    }
+    for (uint32_t k = 0; k < g->entry_first[b->values / 3]; k++) {
+        const uint32_t point = g->entries[k].point;
+        if (!g->packets[point / PACKET].behind[point % PACKET])
+            b->weight[point] += g->entries[k].weight[0];
+    }
+    return b;
+}
+
+void beside_destroy(struct beside *b)
+{
+    if (!b)
+        return;
+    history_destroy(b->history);
+    mem_free(b->weight);
+    mem_free(b->stored[0]);
+    mem_free(b->stored[1]);
+    mem_free(b->shown);
+    mem_free(b->image);
+    mem_free(b->rest);
+    mem_free(b);
+}
+
+bool beside_wanted(const struct set *set, const struct relight_desc *desc)
+{
+    return desc->remember && set->facts.casters > 0 && desc->classes & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
+}
+
+static void begin(struct beside *b, uint64_t key, bool still, bool glides)
+{
+    still = still && b->pictures > 0;
+    history_begin(b->history, key, still && glides);
+    history_hold(b->history, still);
+    if (key != b->key || !still) {
+        memset(b->rest, 0, b->images * b->values * sizeof(float));
+        b->pictures = 0;
+    }
+    b->pictures++;
+    b->key = key;
+}
+
+void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
+                     const struct plan *plan, bool still, struct picture_passes *passes)
+{
+    struct eye_paths_desc *eye = &passes->eye[0], *own = &passes->eye_beside;
+
+    if (!passes->glides)
+        begin(b, (uint64_t)desc->classes << 8 | (uint64_t)plan->caustics << 4 | plan->indirect_caustics, still,
+              desc->glide);
+    passes->beside = b;
+    b->grows = relight_plan_later(desc, plan) ? desc : NULL;
+    *own = *eye;
+    own->cancel = desc->direct.cancel;
+    own->classes &= PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC;
+    own->behind_classes &= ~(uint32_t)PATH_INDIRECT_LIT;
+    own->most = 3.0 * BRIGHTEST * e->total_energy / PI;
+    own->paths = own->classes ? MOST_PATHS : own->behind_classes ? eye->paths : 0;
+    eye->classes &= PATH_INDIRECT_LIT;
+    eye->behind_classes &= PATH_INDIRECT_LIT;
+    if (!(eye->classes | eye->behind_classes))
+        eye->paths = 0;
+}
+
+/* Whether a point takes splats of image 0 or 1. */
+static bool takes(const struct beside *b, uint32_t point, size_t image)
+{
+    const uint32_t material = b->set->gbuffer->packets[point / PACKET].material[point % PACKET];
+
+    return b->weight[point] > 0.0f && (b->images == 1 || b->set->scene->materials[material].ground == (image == 1));
+}
+
+/* Moves a pixel's splats of image 0 or 1 to its shade points in lo. */
+static void move_pixel(struct beside *b, size_t pixel, size_t image, float *lo)
+{
+    const struct gbuffer *g = b->set->gbuffer;
+    float *splats = b->image + image * b->values + 3 * pixel, *rest = b->rest + image * b->values + 3 * pixel;
+    float sum = 0.0f;
+
+    for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1]; k++)
+        if (takes(b, g->entries[k].point, image))
+            sum += g->entries[k].weight[0];
+    for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1] && sum > 0.0f; k++) {
+        const uint32_t point = g->entries[k].point;
+        if (!takes(b, point, image))
+            continue;
+        float *to = lo + (size_t)(point / PACKET) * 3 * PACKET + point % PACKET;
+        for (size_t c = 0; c < 3; c++)
+            to[c * PACKET] += g->entries[k].weight[0] / b->weight[point] * splats[c] / sum;
+    }
+    for (int c = 0; c < 3 && !(sum > 0.0f); c++)
+        rest[c] += 0.5f * splats[c];
+    memset(splats, 0, 3 * sizeof(float));
+}
+
+static void move_splats(struct beside *b, float *lo)
+{
+    for (size_t k = 0; k < b->images * b->values; k += 3)
+        if (b->image[k] + b->image[k + 1] + b->image[k + 2] > 0.0f)
+            move_pixel(b, k % b->values / 3, k / b->values, lo);
+}
+
+/* Both halves of the stored light. Until there is other light to show, the store grows only enough for this image. */
+static enum err run_stored(struct beside *b, struct relight_caustics *c, const struct environment *e,
+                           const struct picture_passes *p, struct relight_stats *stats)
+{
+    const uint64_t turn = history_turn(b->history);
+    enum err result = ERR_OK;
+
+    for (int k = 0; k < 2; k++)
+        memset(b->stored[k], 0, b->points * sizeof(float));
+    if (b->grows && (turn > 0 || p->stored))
+        result = relight_caustics_grow(c, b->grows, turn > 0 ? GROW_S : 0.0, stats);
+    for (uint32_t k = 0; k < 2 && p->stored && !result; k++) {
+        result = relight_caustics_half(c, e, p->stored, k, b->image);
+        move_splats(b, b->stored[k]);
+    }
+    return result;
+}
+
+static enum err run_particles(struct beside *b, struct passes *s, const struct environment *e,
+                              const struct light_tracer_desc *desc, uint64_t k, struct relight_stats *stats)
+{
+    struct light_tracer_desc own = *desc;
+    struct light_tracer_stats one = { 0 };
+
+    if (desc->particles == 0)
+        return ERR_OK;
+    own.ground = b->images > 1 ? b->image + b->values : NULL;
+    own.particles = (desc->particles + 1) / 2;
+    own.pass = 0;
+    own.seed = rng_mix(desc->seed, 2 * history_turn(b->history) + k);
+    const enum err result = light_tracer_run(s->light, e, &own, b->image, &one);
+    stats->light.particles += one.particles;
+    stats->light.starts_hit += one.starts_hit;
+    stats->light.rays += one.rays;
+    stats->light.splats += one.splats;
+    return result;
+}
+
+/* New samples, to half k. */
+static enum err run_half(struct beside *b, struct passes *s, const struct relight_caustics *c,
+                         const struct environment *e, const struct picture_passes *p, int k,
+                         struct relight_stats *stats)
+{
+    struct picture_passes few = { .eye = { p->eye_beside } }, half;
+    float *lo = denoiser_half(b->denoiser, k);
+    struct eye_paths_stats eye = { 0 };
+    struct light_tracer_desc bright = { .particles = 0 };
+    enum err result = ERR_OK;
+
+    few.eye[0].paths = (few.eye[0].paths + 1) / 2;
+    few.eye[0].pass = history_turn(b->history);
+    passes_half(&few, k, &half);
+    memset(lo, 0, b->points * sizeof(float));
+    if (half.eye[0].paths > 0)
+        result = eye_paths_shade(b->set->scene, b->set->rays, b->set->gbuffer, e, &half.eye[0], lo, &eye);
+    stats->eye.paths += eye.paths;
+    stats->eye.rays += eye.rays;
+    if (p->stored)
+        bright = relight_caustics_bright(c, e, p->stored, stats->plan.particles);
+    for (int i = 0; i < 3 && !result; i++)
+        result = run_particles(b, s, e, i < 2 ? &p->light[i] : &bright, (uint64_t)k, stats);
+    move_splats(b, lo);
+    return result;
+}
+
+static void add_shown(const struct beside *b, float *lo)
+{
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < b->points; i++)
+        lo[i] += b->shown[i];
+}
+
+enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics, const struct environment *e,
+                    const struct picture_passes *passes, struct relight_stats *stats)
+{
+    const atomic_bool *cancel = passes->eye_beside.cancel;
+
+    if (!stats->bias && passes->eye_beside.paths > 0)
+        stats->bias = "caustics behind mirrors and glass: no path brings more than a limit";
+    if (passes->glides) {
+        history_glide(b->history, b->shown);
+        add_shown(b, s->lo);
+        return ERR_OK;
+    }
+    enum err result = run_stored(b, caustics, e, passes, stats);
+
+    for (int k = 0; k < 2 && !result; k++)
+        result = run_half(b, s, caustics, e, passes, k, stats);
+    if (result || is_cancelled(cancel)) {
+        b->pictures = 0; /* rest has a part of this picture: it begins anew */
+        return result;
+    }
+    const float *const stored[2] = { b->stored[0], b->stored[1] };
+    history_add(b->history, s->lo);
+    history_show(b->history, stored, b->shown);
+    add_shown(b, s->lo);
+    return ERR_OK;
+}
+
+enum err beside_finish(const struct beside *b, struct backplate *ground, const struct environment *e, float *rgb)
+{
+    const float share = 1.0f / (float)b->pictures;
+    float *to = ground ? backplate_splats(ground) : rgb;
+
+    if (!to)
+        return ERR_NOMEM;
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < b->images * b->values; i++)
+        to[i] += share * b->rest[i];
+    if (ground)
+        backplate_add_splats(ground, e, rgb);
+    return ERR_OK;
+}

@@ -1,0 +1,46 @@
+/* Caustics in live images, and the part of them that eye paths find in mirrors and through glass. They are resampled
+ * in every image; a history (history.h) carries them over to the next ones, before and after the cache is complete.
+ * The history of the points' other light never contains them, so that another estimator can take over.
+ *
+ * Particles splat on pixels. So that the filter can process the splats, they are converted to light at the shade points
+ * that the camera sees directly. With the weights w of a pixel's entries and its splats S,
+ *
+ *     x(point) = sum over its pixels (w S / W) / sum over its pixels (w),   W = sum of w over the pixel's such points
+ *
+ * Splats on pixels without such a point are added to the image unfiltered, as the mean of the images under one sky.
+ * With a ground (backplate.h), splats on it go to points of the ground, and the others to other points. Stored paths
+ * follow the sky without a history; their two halves are filtered together with the history's. One thread of control.
+ */
+#pragma once
+
+#include "light/denoise/denoise.h"
+#include "light/denoise/history.h"
+#include "light/frame/relight_caustics.h"
+#include "light/frame/relight_passes.h"
+
+struct beside;
+
+/* Needs 90 bytes per shade point and 36 per pixel, with a ground 60. set and denoiser, whose halves take the samples,
+ * must outlive it. NULL: no memory. */
+struct beside *beside_create(const struct set *set, struct denoiser *denoiser);
+void beside_destroy(struct beside *b); /* NULL is allowed */
+
+/* Whether images of desc need a struct beside: live, of a scene with mirrors or glass. */
+bool beside_wanted(const struct set *set, const struct relight_desc *desc);
+
+/* Begins an image under e; still: it is the last image's sky. Moves caustics by eye paths, and everything but
+ * interreflection behind mirrors and glass, from its passes to eye_beside, with a limit for the contribution of a path.
+ */
+void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
+                     const struct plan *plan, bool still, struct picture_passes *passes);
+
+/* Adds the image's light to s->lo: stored paths, whose number grows by it, the particles of passes, and eye_beside.
+ * Adds to *stats. ERR_NOMEM. */
+MUST_CHECK enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics,
+                               const struct environment *e, const struct picture_passes *passes,
+                               struct relight_stats *stats);
+
+/* Adds to rgb, float[height][width][3], the splats on pixels without a directly visible shade point. ground: the
+ * scene's, or NULL. ERR_NOMEM. */
+MUST_CHECK enum err beside_finish(const struct beside *b, struct backplate *ground, const struct environment *e,
+                                  float *rgb);

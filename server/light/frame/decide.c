@@ -1,0 +1,307 @@
+#include "light/frame/decide.h"
+
+#include "base/log.h"
+
+#include <math.h>
+
+#define SMOOTH 0.2
+#define FIRST_SAMPLES 8     /* of a denoised picture, */
+#define FIRST_OF_ALL 4      /* of the very first one, which no audit delays, */
+#define FIRST_PATHS 2       /* and its eye paths */
+#define BUILDING_SHARE 0.35 /* of the time, for pictures while the cache is being computed, */
+#define BUILDING_S 1.0      /* with at most this time from one to the next, */
+#define AT_ONCE 2           /* after so many pictures */
+#define PICTURE_SHARE 0.9   /* of the time between two pictures that a measured picture may use, */
+#define CACHE_SHARE 0.5     /* while a cache is computed beside: it costs quality, not rate */
+#define SAMPLES 64          /* N_s of the cache's frames, for what is traced of the sun */
+
+void decider_finish(struct decider *d)
+{
+    pilot_destroy(d->pilot);
+    *d = (struct decider){ .pilot = NULL };
+}
+
+/* Direct light by METHOD_AUTO, with shadows and the default sampling settings. */
+static bool cache_may_serve(const struct relight_desc *light)
+{
+    const struct direct_desc *d = &light->direct;
+
+    return d->method == METHOD_AUTO && (light->classes & PATH_DIRECT || light->classes == 0) && d->cells <= 1 &&
+           !d->sun && d->compensate == COMPENSATE_OFF && d->interleave <= 1 && !d->no_visibility;
+}
+
+static struct relight_desc by_cache(const struct relight_desc *light)
+{
+    struct relight_desc d = *light;
+
+    d.direct.method = METHOD_CACHED;
+    d.direct.samples = SAMPLES;
+    return d;
+}
+
+/* By a time or an error. */
+static bool is_measured(const struct frame_request *request)
+{
+    return request->target.seconds > 0.0 || request->target.error > 0.0;
+}
+
+static struct buy_facts facts_of(const struct relighter *r, const struct relight_desc *light)
+{
+    return (struct buy_facts){
+        .indirect = light->classes & PATH_INDIRECT_LIT && light->indirect == PLAN_AUTO,
+        .samples = light->direct.samples,
+        .points = relighter_set(r)->gbuffer->point_count,
+    };
+}
+
+/* Until the cache exists coarsely, if indirect light is requested: a filtered picture with few samples is closer to the
+ * truth than one with many samples but no indirect light. */
+static bool is_first(const struct decider *d, const struct frame_request *request)
+{
+    return d->cache.hurried && !d->cache.ready && !d->cache.refused && request->background && is_measured(request) &&
+           request->light->classes & PATH_INDIRECT_LIT && cache_may_serve(request->light);
+}
+
+static struct relight_desc denoised(const struct decider *d, const struct relight_desc *light)
+{
+    struct relight_desc out = *light;
+
+    out.denoise = out.remember = out.glide = true;
+    out.direct.samples = d->cache.pictures == 0 ? FIRST_OF_ALL : FIRST_SAMPLES;
+    out.eye_paths = light->eye_paths ? light->eye_paths : FIRST_PATHS;
+    out.audit = d->cache.pictures == 0 ? 0.0 : light->audit;
+    return out;
+}
+
+void decide(const struct decider *d, const struct frame_request *request, struct decision *out)
+{
+    *out = (struct decision){ .light = *request->light };
+    if (request->light->direct.method != METHOD_AUTO) {
+        out->by = d->cache.ready ? DECIDED_BY_CACHE : DECIDED_BY_REQUEST; /* decider_prepare has named it */
+        out->why = d->cache.ready ? d->cache.last.why : "the method was named";
+    } else if (!is_measured(request)) {
+        out->by = DECIDED_BY_RULE;
+        out->why = "sample counts were given";
+    } else if (d->cache.ready && cache_may_serve(request->light)) {
+        out->by = DECIDED_BY_CACHE;
+        out->why = d->cache.last.why;
+        out->light = by_cache(request->light);
+        out->light.cache_background |= request->background;
+        out->light.remember = request->background;
+    } else if (is_first(d, request)) {
+        out->by = DECIDED_BY_RULE;
+        out->why = "few samples, denoised, until the cache is ready";
+        out->light = denoised(d, request->light);
+    } else {
+        out->by = DECIDED_BY_MEASURES;
+        out->why = "a time or error limit was given";
+    }
+}
+
+enum err decider_run(struct decider *d, struct relighter *r, const struct environment *e,
+                     const struct frame_request *request, const struct decision *decision, float *rgb,
+                     struct relight_stats *stats, struct pilot_stats *measured)
+{
+    enum err result;
+
+    *measured = (struct pilot_stats){ 0 };
+    if (decision->by != DECIDED_BY_MEASURES) {
+        result = relighter_run(r, e, &decision->light, rgb, stats);
+    } else {
+        if (!d->pilot)
+            d->pilot = pilot_create(r, NULL);
+        result =
+            d->pilot ? pilot_run(d->pilot, e, &decision->light, &request->target, rgb, stats, measured) : ERR_NOMEM;
+    }
+    if (!result && d->cache.begun && !d->cache.ready) /* it is computed while images do not use it yet */
+        stats->cache_share = d->cache.share;
+    return result;
+}
+
+enum err decider_prepare(struct decider *d, struct relighter *r, double allow_bias, bool progress,
+                         struct relight_desc *light, double *ms)
+{
+    struct buy_facts f = facts_of(r, light);
+    struct relight_desc cached = by_cache(light);
+    struct buy *answer = &d->cache.last;
+    struct reason why = { "" };
+
+    f.allowed = allow_bias;
+    if (cache_may_serve(light))
+        buy_by_counts(&f, answer);
+    if (!answer->yes)
+        return relighter_prepare(r, light, progress, ms);
+    log_info("auto: frames use the cache of light transport, which pays off after %.0f", ceil(answer->break_even));
+    cached.direct.samples = light->direct.samples;
+    cached.direct.why = &why;
+    const enum err e = relighter_prepare(r, &cached, progress, ms);
+    cached.direct.why = light->direct.why;
+    if (e == ERR_RANGE) {
+        log_info("auto: without it: %s", why.text);
+        answer->yes = false;
+        answer->why = "it would take too much memory";
+        return relighter_prepare(r, light, progress, ms);
+    }
+    *light = cached;
+    d->cache.begun = d->cache.ready = !e;
+    return e ? err_say(light->direct.why, e, "%s", why.text[0] ? why.text : err_text(e)) : ERR_OK;
+}
+
+bool decider_is_computing(const struct decider *d, struct relighter *r)
+{
+    return d->cache.begun && relighter_follow(r) < 1.0;
+}
+
+double decider_interval_s(const struct decider *d)
+{
+    const bool denoised = d->cache.hurried && d->cache.pictures >= AT_ONCE && d->cache.glide == 0;
+
+    if (!d->cache.begun || d->cache.share >= 1.0 || !(d->cache.ready || denoised))
+        return 0.0;
+    return fmin(d->cache.picture_s / BUILDING_SHARE, d->cache.picture_s + BUILDING_S);
+}
+
+double decider_target_s(const struct decider *d, struct relighter *r, double interval_s)
+{
+    return (decider_is_computing(d, r) ? CACHE_SHARE : PICTURE_SHARE) * interval_s;
+}
+
+/* Of a picture by the cache, or a denoised one with samples. */
+static void note_picture(struct decider *d, const struct relight_stats *stats)
+{
+    const double s = 1e-3 * (stats->shade_ms + stats->eye_ms + stats->light_ms + stats->filter_ms + stats->resolve_ms);
+
+    d->cache.picture_s += (d->cache.picture_s > 0.0 ? SMOOTH : 1.0) * (s - d->cache.picture_s);
+}
+
+/* Black skies and cancelled frames trace nothing, so they are not measured. */
+static void note_frame(struct decider *d, const struct relight_stats *stats, const struct pilot_stats *measured)
+{
+    if (stats->direct.rays > 0) {
+        const double frame_s = measured->seconds - measured->pilot_seconds,
+                     step = d->cache.measured_frames ? SMOOTH : 1.0;
+        const double sample_s = 1e-3 * stats->shade_ms / (double)stats->direct.rays;
+        d->cache.sample_s += step * (sample_s - d->cache.sample_s);
+        d->cache.frame_s += step * (frame_s - d->cache.frame_s);
+        d->cache.measured_frames++;
+    }
+    d->cache.spent_s += measured->seconds;
+}
+
+/* Has the relighter load the cache (if_kept) or compute it. */
+static void get_cache(struct decider *d, struct relighter *r, const struct frame_request *request, bool if_kept)
+{
+    struct relight_desc cached = by_cache(request->light);
+    struct reason why = { "" };
+    double ms;
+
+    cached.cache_if_kept = if_kept;
+    cached.cache_background = cached.remember = request->background;
+    cached.direct.why = &why;
+    const enum err e = relighter_prepare(r, &cached, true, &ms);
+    const double share = relighter_follow(r);
+    if (e)
+        log_warning("%s; auto continues without it", why.text[0] ? why.text : err_text(e));
+    d->cache.share = share;
+    d->cache.refused = e || (!if_kept && share == 0.0 && !request->background);
+    d->cache.begun = !d->cache.refused && (share > 0.0 || !if_kept);
+    d->cache.ready = share >= 1.0;
+}
+
+static void follow_cache(struct decider *d, struct relighter *r, const struct frame_request *request)
+{
+    const struct relight_desc *light = request->light;
+    const atomic_bool *cancel = light->direct.cancel;
+    const bool indirect = facts_of(r, light).indirect;
+    const bool coarsely = request->background && (indirect || d->cache.error > BUY_BIAS_COARSE);
+    const double enough = !coarsely ? 1.0 : indirect ? RELIGHT_DIRECT : RELIGHT_COARSE;
+
+    d->cache.share = relighter_follow(r);
+    d->cache.ready = d->cache.share >= enough && !(cancel && atomic_load(cancel));
+    if (!d->cache.ready)
+        return;
+    log_info("auto: the cache of light transport is used from here on");
+    d->cache.picture_s = 0.0; /* its pictures cost less */
+}
+
+/* By the clock: loads or computes the cache if that pays off. */
+static void ask_for_cache(struct decider *d, struct relighter *r, const struct frame_request *request)
+{
+    struct buy_facts f = facts_of(r, request->light);
+
+    f.frames = request->frames_left;
+    f.allowed = request->allow_bias;
+    f.error = d->cache.error;
+    f.sample_s = d->cache.sample_s;
+    f.frame_s = d->cache.frame_s;
+    f.spent_s = d->cache.spent_s;
+    f.made = d->cache.measured_frames;
+    buy_by_clock(&f, &d->cache.last);
+    if (f.made > 0 && buy_suits(&f) && !d->cache.looked_for) {
+        d->cache.looked_for = true;
+        get_cache(d, r, request, true);
+        if (d->cache.begun) {
+            log_info("auto: the cache of light transport is loaded from its file");
+            d->cache.last.why = "a file has it";
+        }
+    }
+    if (d->cache.begun || d->cache.refused || !d->cache.last.yes)
+        return;
+    log_info("auto: computing the cache of light transport: %s; about %.0f s, which pays off after %.0f frames",
+             d->cache.last.why, d->cache.last.build_s, ceil(d->cache.last.break_even));
+    get_cache(d, r, request, false);
+}
+
+void decider_begin(struct decider *d, struct relighter *r, const struct frame_request *request)
+{
+    struct buy_facts f = facts_of(r, request->light);
+
+    f.allowed = request->allow_bias;
+    f.error = request->target.error > 0.0 ? request->target.error : INFINITY;
+    if (d->cache.begun || d->cache.hurried || d->cache.refused || !request->background ||
+        request->light->direct.method != METHOD_AUTO || !is_measured(request) || !cache_may_serve(request->light) ||
+        !buy_suits(&f))
+        return;
+    d->cache.looked_for = true;
+    d->cache.hurried = f.indirect;
+    d->cache.last = (struct buy){ .yes = true, .why = "--allow-bias permits its bias" };
+    get_cache(d, r, request, f.indirect); /* to compute it can wait for the first picture */
+}
+
+static void note_denoised(struct decider *d, const struct relight_stats *stats)
+{
+    if (d->cache.glide == 0)
+        note_picture(d, stats);
+    d->cache.glide = stats->glides;
+    d->cache.pictures++;
+}
+
+void decider_learn(struct decider *d, struct relighter *r, const struct frame_request *request,
+                   const struct decision *decision, const struct relight_stats *stats,
+                   const struct pilot_stats *measured)
+{
+    if (decision->by == DECIDED_BY_CACHE && stats->cache_refused) {
+        d->cache.ready = d->cache.begun = false;
+        d->cache.refused = true;
+    } else if (decision->by == DECIDED_BY_CACHE) {
+        note_picture(d, stats);
+        d->cache.share = stats->cache_share;
+    }
+    if (decision->by == DECIDED_BY_RULE && is_first(d, request)) {
+        note_denoised(d, stats);
+        if (d->cache.begun)
+            follow_cache(d, r, request);
+        else if (!request->no_cache)
+            get_cache(d, r, request, false);
+        return;
+    }
+    if (decision->by != DECIDED_BY_MEASURES || request->no_cache || !cache_may_serve(request->light))
+        return;
+    d->cache.error = request->target.error > 0.0 ? request->target.error : measured->error;
+    if (d->cache.begun) {
+        follow_cache(d, r, request);
+    } else if (!d->cache.refused) {
+        note_frame(d, stats, measured);
+        ask_for_cache(d, r, request);
+    }
+}

@@ -1,0 +1,118 @@
+#include "light/frame/part.h"
+
+#include "base/half.h"
+#include "base/mem.h"
+#include "light/frame/relighter.h"
+
+struct packet_list light_part_list(const struct packet_list *all, const struct light_part *part)
+{
+    uint32_t first = 0, end = all->count;
+
+    while (first < end && all->index[first] < part->first)
+        first++;
+    while (end > first && all->index[end - 1] >= part->end)
+        end--;
+    return (struct packet_list){ all->index + first, end - first };
+}
+
+void light_round(float *lo, size_t count)
+{
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < count; i++)
+        lo[i] = half_widen(half_round(lo[i] < 65504.0f ? lo[i] : 65504.0f));
+}
+
+bool light_deals(enum method method)
+{
+    return !method_is_reference(method) && method != METHOD_LATLONG && method != METHOD_LATLONG_ROWS;
+}
+
+void relighter_join(struct relighter *r, const struct light_team *team)
+{
+    r->team = team;
+}
+
+void relighter_share(struct relighter *r, const struct cache_share *share)
+{
+    r->cache.share = share;
+}
+
+enum err relighter_narrow(struct relighter *r)
+{
+    return r->cache.transport && r->cache.keep.share ? relight_cache_narrow(&r->cache) : ERR_OK;
+}
+
+void relighter_round(struct relighter *r, bool half)
+{
+    r->half = half;
+}
+
+/* A cache under construction changes from image to image, and only in this process. */
+struct transport *relighter_transport(const struct relighter *r, const struct picture_passes *passes)
+{
+    return passes->cached && !r->cache.refused && relight_cache_is_settled(&r->cache) ? r->cache.transport : NULL;
+}
+
+const struct transport_indirect *relighter_indirect(const struct relighter *r, const struct picture_passes *passes,
+                                                    const struct plan *plan)
+{
+    return passes->cached && plan->indirect == PLAN_CACHE && r->cache.bounce.bounce
+               ? bounce_indirect(r->cache.bounce.bounce)
+               : NULL;
+}
+
+const struct packet_list *relighter_left(const struct relighter *r)
+{
+    return r->cache.bounce.bounce ? bounce_left(r->cache.bounce.bounce) : NULL;
+}
+
+const struct set *relighter_set(const struct relighter *r)
+{
+    return r->set;
+}
+
+const float *relighter_points(const struct relighter *r)
+{
+    return r->points;
+}
+
+const struct transport *relighter_cache(const struct relighter *r)
+{
+    return r->cache.transport;
+}
+
+bool relighter_is_complete(const struct relighter *r)
+{
+    return r->cache.transport && r->cache.bounce.bounce && !r->cache.building;
+}
+
+uint64_t relighter_memory(const struct relighter *r)
+{
+    const struct relight_cache *c = &r->cache;
+
+    return r->set->gbuffer->bytes + (c->transport ? transport_stats(c->transport)->bytes : 0) +
+           (c->bounce.bounce ? bounce_stats(c->bounce.bounce)->bytes : 0);
+}
+
+bool relighter_can_deal(const struct relighter *r, const struct picture_passes *p)
+{
+    const struct direct_desc *d = &p->direct;
+    bool own = !p->denoiser && !p->history && !r->passes.backplate && !p->eye[0].only && !p->eye[0].counts;
+
+    own = own && (!p->eye[1].only || p->eye[1].only == relighter_left(r)) && !p->eye[1].counts;
+    return own &&
+           (p->cached ? relighter_transport(r, p) != NULL
+                      : !d->only && !d->keep && !d->counts && !d->log && d->cells <= 1 && light_deals(d->method));
+}
+
+bool relighter_number_packets(struct relighter *r)
+{
+    const uint32_t count = r->set->gbuffer->packet_count;
+
+    if (r->packets)
+        return true;
+    r->packets = mem_alloc_raw(count, sizeof(*r->packets));
+    for (uint32_t k = 0; r->packets && k < count; k++)
+        r->packets[k] = k;
+    return r->packets != NULL;
+}

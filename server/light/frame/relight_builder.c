@@ -1,0 +1,310 @@
+#include "light/frame/relight_builder.h"
+
+#include "base/cancel.h"
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/progress.h"
+#include "base/threads.h"
+#include "light/cache/memory.h"
+
+#include <math.h>
+#include <omp.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <time.h>
+
+enum { QUICK, WHOLE, STAGES }; /* of interreflection */
+
+struct relight_builder {
+    const struct set *set;
+    const struct kernels *kernels;
+    struct relight_desc light;
+    struct transport_live *live;
+    const struct transport *loaded;
+    struct relight_keep keep;
+    const struct precedence *urgent;
+    uint32_t threads;
+    pthread_t thread;
+    bool started;
+    bool wanted; /* interreflection is */
+    struct progress progress[STAGES];
+    atomic_bool ended[STAGES];
+    struct bounce *_Atomic next;  /* not taken yet, or NULL */
+    const struct bounce *whole;   /* the frames' thread owns it */
+    struct bounce_desc described; /* of `whole` */
+    atomic_bool cancelled;
+    atomic_bool computes; /* files do not hold everything */
+    atomic_bool done;     /* then the next fields are set */
+    enum err error;
+    bool bounce_loaded, bounce_refused;
+    struct reason why;
+};
+
+static void tell_end(const struct transport *t, double seconds)
+{
+    const struct transport_stats *s = transport_stats(t);
+
+    log_info("light transport: computed in the background in %.1f s, %.0f MB; %u of %u packets have lobes narrower "
+             "than its cells",
+             seconds, 1e-6 * (double)s->bytes, s->narrow, s->packets);
+}
+
+/* The layout of blocks, which is known from the start. */
+static const struct transport *layout_of(const struct relight_builder *b)
+{
+    return b->loaded ? b->loaded : transport_live_layout(b->live);
+}
+
+static struct bounce_desc describe_bounce(const struct relight_builder *b)
+{
+    struct bounce_desc d = relight_bounce_describe(b->set, &b->light, layout_of(b));
+
+    d.urgent = b->urgent;
+    return d;
+}
+
+static void publish(struct relight_builder *b, struct bounce *made)
+{
+    if (made)
+        bounce_destroy(atomic_exchange(&b->next, made));
+}
+
+static void refuse_bounce(struct relight_builder *b, const char *why)
+{
+    log_warning("%s: %s; eye paths are traced for it in every frame", b->set->name, why);
+    b->bounce_refused = true;
+}
+
+/* A rough cache in some seconds. Without memory for it eye paths continue. */
+static void build_quick_bounce(struct relight_builder *b)
+{
+    struct bounce_desc d = describe_bounce(b);
+    const double start = clock_seconds();
+    struct bounce *made = NULL;
+    struct reason why;
+
+    d.quick = true;
+    d.progress = &b->progress[QUICK];
+    if (bounce_create(&d, b->kernels, &made, &why) == ERR_OK && made)
+        log_info("interreflection: a rough version is ready after %.1f s", clock_seconds() - start);
+    publish(b, made);
+    atomic_store(&b->ended[QUICK], true);
+}
+
+static void build_whole_bounce(struct relight_builder *b)
+{
+    const double start = clock_seconds();
+    struct bounce *made = NULL;
+    struct reason why;
+
+    b->described = describe_bounce(b);
+    b->described.progress = &b->progress[WHOLE];
+    const enum err e = bounce_create(&b->described, b->kernels, &made, &why);
+    if (e)
+        refuse_bounce(b, why.text);
+    if (made)
+        log_info("interreflection: computed in the background in %.1f s, %.0f MB, %u records", clock_seconds() - start,
+                 1e-6 * (double)bounce_stats(made)->bytes, bounce_stats(made)->records);
+    b->whole = made;
+    if (made && !b->loaded)
+        relight_keep_save(&b->keep, NULL, made, &b->described);
+    publish(b, made);
+    atomic_store(&b->ended[WHOLE], true);
+}
+
+/* True if a file contains interreflection: the one with direct light, or the one stored before direct light was
+ * computed. */
+static bool load_bounce(struct relight_builder *b)
+{
+    struct bounce *made = NULL;
+    struct reason why;
+
+    b->described = describe_bounce(b);
+    b->bounce_refused = relight_keep_load_bounce(&b->keep, b->kernels, &b->described, &made, &why) != ERR_OK;
+    if (b->bounce_refused)
+        refuse_bounce(b, why.text);
+    b->bounce_loaded = made != NULL;
+    if (made && !b->loaded) { /* the file of direct light will be another */
+        log_info("interreflection: loaded from %s", b->keep.place.path);
+        b->whole = made;
+    }
+    publish(b, made);
+    atomic_store(&b->ended[QUICK], b->bounce_loaded);
+    atomic_store(&b->ended[WHOLE], b->bounce_loaded);
+    return b->bounce_loaded || b->bounce_refused;
+}
+
+static void build_coarsely(struct relight_builder *b)
+{
+    const double start = clock_seconds();
+
+    b->error = transport_live_build(b->live, TRANSPORT_COARSE, b->threads, &b->why);
+    if (!b->error && transport_live_share(b->live, TRANSPORT_COARSE) >= 1.0)
+        log_info("light transport: a coarse version is ready after %.1f s", clock_seconds() - start);
+}
+
+/* The result of direct light; NULL on failure. */
+static const struct transport *build_direct(struct relight_builder *b)
+{
+    const double start = clock_seconds();
+
+    if (!b->error)
+        b->error = transport_live_build(b->live, TRANSPORT_FINE, b->threads, &b->why);
+    const struct transport *t = transport_live_built(b->live);
+    if (t)
+        tell_end(t, clock_seconds() - start);
+    return t;
+}
+
+/* Direct light reserves its share of the memory first, whichever is computed first. */
+static void check_memory(struct relight_builder *b, const struct transport *t)
+{
+    const uint64_t rest = cache_memory_rest(b->light.cache_bytes, transport_stats(t)->bytes);
+
+    if (b->whole && !cache_memory_suffices(rest, bounce_stats(b->whole)->bytes)) {
+        b->whole = NULL;
+        refuse_bounce(b, "--cache-memory leaves too little for the cache of indirect light");
+    }
+}
+
+static void *build_main(void *arg)
+{
+    struct relight_builder *b = arg;
+    const bool bounce = b->wanted && !load_bounce(b);
+
+    atomic_store(&b->computes, bounce || !b->loaded);
+
+    omp_set_num_threads((int)b->threads);
+    if (bounce)
+        build_quick_bounce(b);
+    if (!b->loaded)
+        build_coarsely(b);
+    if (bounce && !b->error && !is_cancelled(&b->cancelled))
+        build_whole_bounce(b);
+    const struct transport *t = b->loaded ? b->loaded : build_direct(b);
+    if (t)
+        check_memory(b, t);
+    if (t && (!b->loaded || b->whole))
+        relight_keep_save(&b->keep, t, b->whole, b->whole ? &b->described : NULL);
+    atomic_store(&b->done, true);
+    return NULL;
+}
+
+enum err relight_builder_create(const struct relight_builder_desc *desc, struct relight_builder **out,
+                                struct reason *why)
+{
+    struct relight_builder *b = mem_alloc(1, sizeof(*b));
+    enum err e = ERR_OK;
+
+    *out = NULL;
+    if (!b)
+        return err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
+    b->set = desc->set;
+    b->kernels = desc->kernels;
+    b->light = *desc->light;
+    b->light.direct.cancel = &b->cancelled;
+    b->light.direct.why = &b->why;
+    b->keep = *desc->keep;
+    b->loaded = desc->loaded;
+    b->urgent = desc->transport->urgent;
+    b->threads = (uint32_t)omp_get_max_threads();
+    b->wanted = relight_bounce_wanted(b->set, &b->light);
+    for (int k = 0; k < STAGES; k++)
+        progress_begin(&b->progress[k], "interreflection", bounce_steps(b->set->gbuffer), NULL);
+    if (!b->loaded)
+        e = transport_live_create(b->set->gbuffer, b->set->rays, b->kernels, desc->transport, &b->live, why);
+    if (!e) /* its own and OpenMP's for it, without which OpenMP would end the program */
+        b->started = threads_can_start(b->threads, why) && pthread_create(&b->thread, NULL, build_main, b) == 0;
+    if (!b->started) {
+        relight_builder_destroy(b);
+        return e ? e : err_say(why, ERR_NOMEM, "a thread for the cache of light transport could not be started");
+    }
+    if (!b->loaded)
+        log_info("%s: computing light transport for --method cached in the background", b->set->name);
+    *out = b;
+    return ERR_OK;
+}
+
+void relight_builder_destroy(struct relight_builder *b)
+{
+    if (!b)
+        return;
+    atomic_store(&b->cancelled, true);
+    if (b->live)
+        transport_live_cancel(b->live);
+    if (b->started)
+        pthread_join(b->thread, NULL);
+    bounce_destroy(atomic_load(&b->next));
+    transport_live_destroy(b->live);
+    mem_free(b);
+}
+
+void relight_builder_await_files(struct relight_builder *b)
+{
+    while (!atomic_load(&b->done) && !atomic_load(&b->computes))
+        nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
+}
+
+struct transport_live *relight_builder_live(struct relight_builder *b)
+{
+    return b->live;
+}
+
+struct bounce *relight_builder_take(struct relight_builder *b)
+{
+    return atomic_exchange(&b->next, NULL);
+}
+
+bool relight_builder_is_done(struct relight_builder *b, enum err *e, struct relight_bounce *bounce, struct reason *why)
+{
+    if (!atomic_load(&b->done))
+        return false;
+    *e = b->error;
+    if (b->error)
+        *why = b->why;
+    bounce->loaded = b->bounce_loaded;
+    bounce->refused = b->bounce_refused;
+    return true;
+}
+
+/* Of one of the stages of interreflection. */
+static double share_of(const struct relight_builder *b, int stage)
+{
+    const struct progress *p = &b->progress[stage];
+
+    return atomic_load(&b->ended[stage]) ? 1.0 : p->total ? 0.99 * (double)p->done / (double)p->total : 0.0;
+}
+
+bool relight_builder_has_bounce(const struct relight_builder *b)
+{
+    return !b->wanted || (atomic_load(&b->ended[WHOLE]) && !atomic_load(&b->next));
+}
+
+double relight_share(const struct relight_stages *s)
+{
+    double share;
+
+    if (!s->wanted)
+        share = RELIGHT_COARSE * s->coarse + (1.0 - RELIGHT_COARSE) * s->fine;
+    else if (!s->quick_ended)
+        share = RELIGHT_COARSE * s->quick;
+    else
+        share = RELIGHT_COARSE + (RELIGHT_DIRECT - RELIGHT_COARSE) * s->coarse +
+                (1.0 - RELIGHT_DIRECT) * (0.5 * s->whole + 0.5 * s->fine);
+    return fmin(share, 0.99);
+}
+
+double relight_builder_share(const struct relight_builder *b)
+{
+    const struct relight_stages stages = {
+        .wanted = b->wanted,
+        .quick_ended = atomic_load(&b->ended[QUICK]),
+        .quick = share_of(b, QUICK),
+        .whole = share_of(b, WHOLE),
+        .coarse = b->live ? transport_live_share(b->live, TRANSPORT_COARSE) : 1.0,
+        .fine = b->live ? transport_live_share(b->live, TRANSPORT_FINE) : 1.0,
+    };
+
+    return atomic_load(&b->done) ? 1.0 : relight_share(&stages);
+}

@@ -1,0 +1,345 @@
+#include "light/frame/relight_cache.h"
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/progress.h"
+#include "base/rng.h"
+#include "light/cache/cache_share.h"
+#include "light/cache_direct/live.h"
+#include "light/frame/part.h"
+#include "light/frame/relight_builder.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+
+#define UNBUILT_SAMPLES                                                                                                \
+    4 /* at most, of points that are lit by other means for some seconds: the frames take time from                    \
+       * what ends that */
+
+#define FIRST_S 1.0 /* for the second image, right after the first, before the builder's work */
+
+void relight_cache_finish(struct relight_cache *c)
+{
+    const bool lives = c->builder && relight_builder_live(c->builder); /* then the transport goes with it */
+
+    precedence_end(&c->urgent);
+    relight_builder_destroy(c->builder); /* which may be reading c->bounce */
+    relight_bounce_finish(&c->bounce);
+    if (!lives)
+        transport_destroy(c->transport);
+    *c = (struct relight_cache){ .share = c->share };
+}
+
+static bool is_for(const struct relight_cache *c, const struct relight_desc *desc)
+{
+    return (c->transport || c->refused) && c->no_visibility == desc->direct.no_visibility &&
+           c->max_bytes == desc->cache_bytes;
+}
+
+static struct transport_desc transport_of(const struct relight_desc *desc)
+{
+    return (struct transport_desc){ .max_bytes = desc->cache_bytes,
+                                    .seed = rng_mix(desc->direct.seed, 0x6361636865u),
+                                    .no_visibility = desc->direct.no_visibility,
+                                    .cancel = desc->direct.cancel };
+}
+
+/* Why there is none, which each request reports again. */
+static enum err refuse(struct relight_cache *c, enum err e, const struct reason *why)
+{
+    const bool no_visibility = c->no_visibility;
+    const uint64_t max_bytes = c->max_bytes;
+    const struct reason kept = *why;
+
+    relight_cache_finish(c);
+    c->no_visibility = no_visibility;
+    c->max_bytes = max_bytes;
+    c->why = kept;
+    c->refused = e == ERR_RANGE;
+    return e;
+}
+
+/* ---- In the foreground ---- */
+
+static enum err compute(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
+                        struct transport_desc *desc, bool progress, struct reason *why)
+{
+    struct progress line;
+
+    log_info("%s: computing light transport for --method cached; the first frame waits for it", set->name);
+    progress_begin(&line, "computing light transport", transport_steps(set->gbuffer), progress ? stderr : NULL);
+    desc->progress = &line;
+    const enum err e = transport_create(set->gbuffer, set->rays, kernels, desc, &c->transport, why);
+    progress_end(&line);
+    return e;
+}
+
+static void tell(const struct relight_cache *c, double ms)
+{
+    const struct transport_stats *s = transport_stats(c->transport);
+
+    if (c->loaded)
+        log_info("light transport: loaded in %.1f s from %s, %.0f MB", 1e-3 * ms, c->keep.place.path,
+                 1e-6 * (double)s->bytes);
+    else
+        log_info("light transport: %.1f s, %.0f MB; %u of %u packets have lobes narrower than its cells", 1e-3 * ms,
+                 1e-6 * (double)s->bytes, s->narrow, s->packets);
+}
+
+/* ---- In the background ---- */
+
+/* The builder's progress at this frame. */
+static enum err follow(struct relight_cache *c, bool at_once, struct reason *why)
+{
+    struct transport_live *live = relight_builder_live(c->builder);
+    enum err e = ERR_OK;
+
+    const bool done = c->building && relight_builder_is_done(c->builder, &e, &c->bounce, why);
+    struct bounce *next = relight_builder_take(c->builder);
+    if (next)
+        relight_bounce_replace(&c->bounce, next, at_once);
+    else
+        relight_bounce_advance(&c->bounce, at_once);
+    if (done && c->bounce.refused) {
+        relight_bounce_finish(&c->bounce);
+        c->bounce.refused = true;
+    }
+    c->building &= !done;
+    if (e) {
+        e = refuse(c, e, why);
+        c->refused = true; /* too little memory as well */
+        return e;
+    }
+    if (live && at_once)
+        transport_live_settle(live);
+    else if (live)
+        transport_live_advance(live);
+    return ERR_OK;
+}
+
+/* Waits for a result, or for cancellation. */
+static enum err wait_for_builder(struct relight_cache *c, const atomic_bool *cancel, struct reason *why)
+{
+    enum err e = ERR_OK;
+
+    while (!e && c->building && !(cancel && atomic_load(cancel))) {
+        nanosleep(&(struct timespec){ .tv_nsec = 5000000 }, NULL);
+        e = follow(c, true, why);
+    }
+    return e;
+}
+
+/* Computes direct light unless it was loaded, and interreflection if needed. */
+static enum err begin(struct relight_cache *c, const struct relight_builder_desc *desc, struct reason *why)
+{
+    const enum err e = relight_builder_create(desc, &c->builder, why);
+
+    if (e)
+        return e;
+    if (!c->transport)
+        c->transport = transport_live_cache(relight_builder_live(c->builder));
+    if (desc->light->cache_if_kept) /* for this picture: reading takes less time than a picture by other means */
+        relight_builder_await_files(c->builder);
+    c->building = true;
+    return ERR_OK;
+}
+
+/* ---- */
+
+enum err relight_cache_begin(const struct relight_cache *c, const struct set *set, const struct relight_desc *desc)
+{
+    const struct relight_bounce *b = &c->bounce;
+    const bool lacks =
+        !is_for(c, desc) || (c->transport && !b->bounce && !b->refused && relight_bounce_wanted(set, desc));
+
+    return lacks && !desc->cache_background && c->share && c->share->begin
+               ? c->share->begin(c->share->begin_context, desc)
+               : ERR_OK;
+}
+
+enum err relight_cache_keep(struct relight_cache *c)
+{
+    const struct cache_share *s = c->keep.share;
+
+    if (!c->transport || !s || s->index > 0 || c->kept)
+        return ERR_OK;
+    c->kept = c->keep.unwritable = true;
+    return relight_cache_narrow(c);
+}
+
+enum err relight_cache_narrow(struct relight_cache *c)
+{
+    transport_keep(c->transport, c->keep.share);
+    return c->bounce.bounce ? bounce_keep(c->bounce.bounce, c->transport, c->keep.share) : ERR_OK;
+}
+
+static enum err load_or_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
+                             const struct relight_desc *desc, bool progress, double *ms, struct reason *why)
+{
+    struct transport_desc t = transport_of(desc);
+
+    precedence_init(&c->urgent, FIRST_S);
+    t.urgent = &c->urgent;
+    c->no_visibility = desc->direct.no_visibility;
+    c->max_bytes = desc->cache_bytes;
+    const double start = clock_seconds();
+    t.share = desc->cache_background ? NULL : c->share; /* the other processes cannot compute it in the background */
+    relight_keep_init(&c->keep, set, kernels, desc, &t);
+    enum err e = relight_keep_load(&c->keep, set, kernels, &t, &c->transport, why);
+    e = relight_keep_agree(&c->keep, e, c->transport != NULL, &c->loaded, why);
+    if (c->transport && !c->loaded) {
+        transport_destroy(c->transport);
+        c->transport = NULL;
+    }
+    if (!e && !c->transport && desc->cache_if_kept)
+        return ERR_OK;
+    if (!e && !c->transport && !desc->cache_background)
+        e = compute(c, set, kernels, &t, progress, why);
+    *ms = c->transport ? 1e3 * (clock_seconds() - start) : 0.0;
+    if (!e && c->transport && cache_share_takes_all(t.share)) {
+        tell(c, *ms);
+        if (!c->loaded)
+            relight_keep_save(&c->keep, c->transport, NULL, NULL);
+    }
+    const struct relight_builder_desc rest = { set, kernels, desc, &t, &c->keep, c->transport };
+    if (!e && desc->cache_background && (!c->transport || relight_bounce_wanted(set, desc)))
+        e = begin(c, &rest, why);
+    return e;
+}
+
+enum err relight_cache_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
+                            const struct relight_desc *desc, bool progress, double *ms)
+{
+    struct reason why = { "" };
+    enum err e = ERR_OK;
+
+    *ms = 0.0;
+    if (is_for(c, desc) && !c->refused) {
+        const double start = clock_seconds();
+        if (desc->cache_background || !c->builder)
+            return ERR_OK;
+        e = wait_for_builder(c, desc->direct.cancel, &why);
+        *ms = 1e3 * (clock_seconds() - start);
+    } else if (!is_for(c, desc)) {
+        relight_cache_finish(c);
+        e = load_or_make(c, set, kernels, desc, progress, ms, &why);
+        if (e)
+            e = refuse(c, e, &why);
+    }
+    if (!e && !c->refused)
+        return ERR_OK;
+    if (e == ERR_RANGE && desc->cache_background)
+        log_warning("%s; auto samples the light instead", c->why.text);
+    if (c->refused && desc->cache_background)
+        return ERR_OK;
+    return err_say(desc->direct.why, e ? e : ERR_RANGE, "%s", c->why.text);
+}
+
+double relight_cache_follow(struct relight_cache *c)
+{
+    struct reason why;
+
+    if (c->builder && follow(c, false, &why))
+        log_warning("%s; auto samples the light instead", c->why.text);
+    if (c->refused || !c->transport)
+        return 0.0;
+    return c->building ? relight_builder_share(c->builder) : 1.0;
+}
+
+/* ---- A frame ---- */
+
+/* Packets that the cache lacks, by the rule of auto. */
+static enum err sample(struct direct *direct, const struct set *set, const struct environment *e,
+                       const struct relight_desc *desc, const struct packet_list *only, uint32_t samples, float *lo,
+                       struct relight_stats *stats)
+{
+    struct direct_desc d = desc->direct;
+    struct direct_stats one;
+
+    d.method = METHOD_AUTO;
+    d.only = only;
+    d.samples = samples;
+    const enum err result = direct_shade(direct, set->gbuffer, set->rays, e, &d, lo, &one);
+    one.rays += stats->direct.rays;
+    one.generated += stats->direct.generated;
+    one.chosen += stats->direct.chosen;
+    one.effective += stats->direct.effective;
+    one.lobes += stats->direct.lobes;
+    stats->direct = one;
+    return result;
+}
+
+enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, const struct set *set,
+                             const struct environment *e, const struct relight_desc *desc,
+                             const struct light_part *part, float *lo, struct relight_stats *stats)
+{
+    struct transport_frame frame = { .samples = desc->direct.samples,
+                                     .seed = desc->direct.seed,
+                                     .pass = desc->direct.pass,
+                                     .cancel = desc->direct.cancel,
+                                     .unsplit = desc->unsplit };
+    const size_t floats = (size_t)set->gbuffer->packet_count * 3 * PACKET;
+    const uint32_t samples = desc->direct.samples;
+    struct reason why;
+
+    if (c->builder && follow(c, !desc->cache_background, &why))
+        log_warning("%s; auto samples the light instead", c->why.text);
+    stats->cache_refused = c->refused;
+    if (c->refused)
+        return sample(direct, set, e, desc, NULL, samples, lo, stats);
+    stats->bias = "cached: a sky of 1536 cells, compressed; penumbrae that few rays miss"; /* or what bounces say */
+    if (!c->transport) {                                                                   /* cancelled */
+        memset(lo, 0, floats * sizeof(float));
+        return ERR_OK;
+    }
+    if (!part && c->keep.share && c->keep.share->end > 0)
+        return err_say(desc->direct.why, ERR_UNSUPPORTED,
+                       "this image needs the whole cache, but each rank has only a part: start it without mpirun");
+    if (!c->building)
+        transport_gather(c->transport);
+    if (part) {
+        const bool empty = part->first >= part->end; /* behind all packets: end 0 means all of them */
+        frame.first = empty ? UINT32_MAX : part->first;
+        frame.end = empty ? UINT32_MAX : part->end;
+        frame.narrow = part->narrow;
+        frame.sky_taken = part->sky_taken;
+    }
+    const struct packet_list *unbuilt = transport_unbuilt(c->transport);
+    enum err result = ERR_OK;
+    if (unbuilt->count > 0)
+        result =
+            sample(direct, set, e, desc, unbuilt, samples < UNBUILT_SAMPLES ? samples : UNBUILT_SAMPLES, lo, stats);
+    const bool bounces = stats->plan.indirect == PLAN_CACHE && c->bounce.bounce;
+    const bool apart = !transport_is_settled(c->transport) || c->bounce.before;
+    if (!result && bounces && !apart)
+        frame.indirect = relight_bounce_take(&c->bounce, e, desc, NULL, stats);
+    if (!result)
+        result = transport_shade(c->transport, e, &frame, lo, &stats->cache_frame);
+    if (!result && bounces && apart)
+        relight_bounce_take(&c->bounce, e, desc, lo, stats);
+    stats->cache = *transport_stats(c->transport);
+    stats->cache_loaded = c->loaded;
+    stats->cache_share = c->building ? relight_builder_share(c->builder) : 1.0;
+    stats->direct.rays += stats->cache_frame.rays;
+    return result;
+}
+
+void relight_cache_versions(struct relight_cache *c, float *final, bool *changed)
+{
+    const struct relight_bounce *b = &c->bounce;
+    const bool rough = c->building && !relight_builder_has_bounce(c->builder);
+    const float share = rough ? 0.0f : b->before ? (float)b->weight / RELIGHT_BOUNCE_FADE : 1.0f;
+
+    transport_live_versions(c->transport, final, changed);
+    for (uint32_t k = 0; k < transport_stats(c->transport)->packets; k++) {
+        final[k] *= share;
+        changed[k] |= b->changed;
+    }
+    c->bounce.changed = false;
+}
+
+bool relight_cache_is_settled(const struct relight_cache *c)
+{
+    return !c->building && c->transport && transport_is_settled(c->transport) && !c->bounce.before;
+}

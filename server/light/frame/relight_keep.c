@@ -1,0 +1,140 @@
+#include "light/frame/relight_keep.h"
+
+#include "base/log.h"
+#include "light/cache/cache_code.h"
+#include "light/cache/cache_folder.h"
+#include "light/cache/cache_share.h"
+#include "light/cache_direct/file.h"
+#include "light/cache_indirect/file.h"
+
+#include <string.h>
+
+bool relight_may_be_kept(const struct set_desc *set, const struct relight_desc *desc)
+{
+    const struct cache_view view = { set->scene ? set->scene : "", NULL, set->width, set->height };
+
+    return cache_place_may_have(&view, desc->cache_file, desc->cache_dir);
+}
+
+void relight_keep_init(struct relight_keep *k, const struct set *set, const struct kernels *kernels,
+                       const struct relight_desc *desc, const struct transport_desc *transport)
+{
+    struct reason why;
+
+    const struct cache_view view = { set->file, set->camera, set->view.width, set->view.height };
+
+    *k = (struct relight_keep){ .share = transport->share };
+    if (!desc->cache_file)
+        return;
+    k->key = transport_key(set->gbuffer, set->scene, transport);
+    digest_u64(&k->key, (uint64_t)kernels->cpu << 32 | cpu_model()); /* LAPACK has code of its own for each model */
+    digest_bytes(&k->key, cache_code, strlen(cache_code));
+    if (cache_place_find(&view, desc->cache_file, desc->cache_dir, &k->key, &k->place, &why))
+        log_warning("light transport is not kept for the next run: %s", why.text);
+}
+
+enum err relight_keep_agree(const struct relight_keep *k, enum err own, bool loaded, bool *all, struct reason *why)
+{
+    const struct cache_share *s = k->share;
+    struct reason unsaid;
+
+    *all = loaded;
+    if (!s)
+        return own;
+    const enum err e = s->agree(s->context, own, why);
+    if (!e)
+        *all = s->agree(s->context, loaded ? ERR_OK : ERR_END, &unsaid) == ERR_OK;
+    return e;
+}
+
+/* *out is NULL if there is no file to read. */
+static enum err open_file(struct relight_keep *k, struct cache_reader **out, struct reason *why)
+{
+    enum err e = ERR_OK;
+
+    *out = NULL;
+    if (!k->place.path[0] || k->unreadable)
+        return ERR_OK;
+    if (k->place.folder[0])
+        e = cache_folder_check(k->place.folder, why);
+    k->unwritable |= e != ERR_OK; /* which is logged once */
+    return e ? e : cache_reader_open(k->place.path, out, why);
+}
+
+/* Logs why the requested light in a file is not used; returns errors that are not the file's fault. */
+static enum err refuse(struct relight_keep *k, enum err e, const char *light, struct reason *why)
+{
+    if (e == ERR_RANGE || e == ERR_NOMEM)
+        return e;
+    if (e == ERR_END) { /* a file that holds only the other light is nothing to warn of */
+        log_info("%s: holds no %s yet; it is computed", k->place.path, light);
+        return ERR_OK;
+    }
+    k->unreadable = true;
+    log_warning("%s; it is computed%s", why->text, k->unwritable ? " and not kept for the next run" : " again");
+    return ERR_OK;
+}
+
+enum err relight_keep_load(struct relight_keep *k, const struct set *set, const struct kernels *kernels,
+                           const struct transport_desc *transport, struct transport **out, struct reason *why)
+{
+    struct cache_reader *r;
+    enum err e = open_file(k, &r, why);
+
+    *out = NULL;
+    if (!e && !r)
+        return ERR_OK;
+    if (!e)
+        e = transport_load(r, &k->key, set->gbuffer, set->rays, kernels, transport, out, why);
+    cache_reader_close(r);
+    if (e)
+        return refuse(k, e, "direct light", why);
+    if (k->place.folder[0])
+        cache_folder_touch(k->place.path);
+    return ERR_OK;
+}
+
+enum err relight_keep_load_bounce(struct relight_keep *k, const struct kernels *kernels, const struct bounce_desc *desc,
+                                  struct bounce **out, struct reason *why)
+{
+    struct cache_reader *r;
+    enum err e = open_file(k, &r, why);
+
+    *out = NULL;
+    if (!e && !r)
+        return ERR_OK;
+    if (!e) {
+        const struct digest key = bounce_key(&k->key, desc);
+        e = bounce_load(r, &key, desc, kernels, out, why);
+    }
+    cache_reader_close(r);
+    return e ? refuse(k, e, "indirect light", why) : ERR_OK;
+}
+
+void relight_keep_save(struct relight_keep *k, const struct transport *t, const struct bounce *bounce,
+                       const struct bounce_desc *desc)
+{
+    const uint64_t bytes = (t ? transport_stats(t)->bytes : 0) + (bounce ? bounce_stats(bounce)->bytes : 0);
+    struct reason why = { "" };
+
+    if (!k->place.path[0] || k->unwritable || !cache_share_takes_all(k->share))
+        return;
+    struct cache_writer *file = cache_writer_create();
+    enum err e = file ? cache_place_prepare(&k->place, bytes, &why) : err_say(&why, ERR_NOMEM, "no memory");
+    if (!e) {
+        if (t)
+            transport_save(t, &k->key, file);
+        if (bounce) {
+            const struct digest key = bounce_key(&k->key, desc);
+            bounce_save(bounce, &key, file);
+        }
+        e = cache_writer_store(file, k->place.path, &why);
+    }
+    cache_writer_destroy(file);
+    if (!e)
+        log_info("%s%s: kept in %s", t ? "light transport" : "interreflection",
+                 t && bounce ? " and interreflection" : "", k->place.path);
+    else
+        log_warning("light transport is not kept for the next run: %s", why.text);
+    k->unwritable = e != ERR_OK;
+}

@@ -1,0 +1,30 @@
+/* The relighter's state. Private to this room: only relight.c, part.c and stated.c include it. Thread: the
+ * relighter's. */
+#pragma once
+
+#include "light/frame/relight_cache.h"
+#include "light/frame/relight_caustics.h"
+#include "light/frame/relight_passes.h"
+
+struct light_team;
+struct stated;
+
+struct relighter {
+    const struct set *set;
+    const struct kernels *kernels;
+    struct passes passes;
+    struct relight_cache cache;
+    struct relight_caustics caustics;
+    struct denoiser *denoiser; /* this and the next two: NULL until a picture needs them */
+    struct history *history;
+    struct beside *beside;
+    struct stated *stated;         /* NULL until a picture states its error */
+    uint64_t sky;                  /* the last live picture's: a digest */
+    const float *points;           /* the picture's shade points */
+    const struct light_team *team; /* NULL: this process lights the points alone */
+    bool half;                     /* round them to half floats */
+    uint32_t *packets;             /* [packet_count]: packet numbers, for lists of a part; NULL until a part is run */
+};
+
+/* Fills r->packets. False: out of memory. */
+bool relighter_number_packets(struct relighter *r);

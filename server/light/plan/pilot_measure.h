@@ -1,0 +1,66 @@
+/* Groups of pixels spread over the image, with the packets that hold their shade points, and error estimates for the
+ * whole image from two independent estimates of a group. Thread: one at a time; loops over pixels run on all OpenMP
+ * threads. */
+#pragma once
+
+#include "scene/geometry/gbuffer.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#define GROUPS_MAX 24
+
+struct group {
+    uint32_t *pixels; /* pixels with a shade point */
+    uint32_t pixel_count;
+    uint32_t *index;         /* of packets */
+    struct packet_list list; /* view of `index` */
+    uint64_t points;         /* in those packets, including points of pixels outside the group */
+};
+
+struct tiles { /* squares of pixels, row by row; each belongs to one group */
+    uint32_t side, across, count;
+    uint8_t *group;
+};
+
+struct groups {
+    const struct gbuffer *gbuffer;
+    struct tiles tiles;
+    struct group group[GROUPS_MAX];
+    uint32_t count;
+    struct group all; /* the whole picture */
+};
+
+/* Divides the picture of a G-buffer, which must outlive it. False when out of memory; call groups_finish even then. */
+bool groups_init(struct groups *s, const struct gbuffer *g);
+void groups_finish(struct groups *s); /* zeroed memory is allowed */
+
+/* The picture r that errors are relative to, as in relMSE: they are divided by r^2 + 1e-2 mean(r)^2. In a noisy picture
+ * the mean over 3 x 3 pixels replaces r, so that an outlier is not divided by itself. All pointers are borrowed. */
+struct yardstick {
+    const float *rgb;    /* float[height][width][3] */
+    const float *more;   /* likewise, added: light that the picture has few particles of; NULL: nothing */
+    const uint8_t *mask; /* [height][width]: 0 where there is no shade point */
+    uint32_t width, height;
+    bool noisy;
+    double soft; /* 1e-2 mean(r)^2 */
+};
+
+/* From a picture float[height][width][3] and its mask, both borrowed. */
+void yardstick_init(struct yardstick *y, const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height);
+
+/* Writes the mean of two sparse pictures around each pixel to out, minus the pixel's own mean, which the picture
+ * contains. The mean is over 11 x 11 pixels without the three columns and rows at the pixel, so that the 3 x 3 means
+ * of a noisy picture do not contain it either: a particle where few others are would be divided by itself and seem
+ * almost free of noise. All are float[height][width][3], including spare, which is scratch memory. */
+void yardstick_spread(const float *a, const float *b, uint32_t width, uint32_t height, float *spare, float *out);
+
+/* Compares two independent estimates of a part at the shade points, a and b: float[packet_count][3][16]. Returns half
+ * of the squared difference, which is the error of each: a mean over a group's pixels and channels, relative as relMSE
+ * is. Unless NULL, error[packet_count][16] receives each shade point's part of it, summed over the group's pixels, for
+ * the group's packets; it may be negative by chance. */
+double pair_of_points(const struct groups *s, const struct group *group, const float *a, const float *b,
+                      const struct yardstick *y, float (*error)[PACKET]);
+
+/* Compares two pictures of a part, float[height][width][3], likewise. */
+double pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y);

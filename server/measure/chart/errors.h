@@ -1,0 +1,28 @@
+/* The errors that are charted. To add one, add a value here, a row in errors.c and a line in errors_of. Any thread. */
+#pragma once
+
+#include "measure/chart/judge.h"
+
+#include <stdint.h>
+
+enum error_kind {
+    ERROR_REL_MSE, /* against two references, of all pixels with surfaces: judge.h */
+    ERROR_NOISE,   /* the part of it that changes with the seed; independent of the references */
+    ERROR_DELTA_E, /* mean CIE76 after one fixed tone map: measure/compare/metrics.h. Includes the references' noise */
+    ERROR_FLIP,    /* mean FLIP under the same exposure: measure/compare/flip.h. Likewise */
+    ERROR_KINDS,
+};
+
+struct error_about {
+    const char *name;  /* in the CSV and in file names */
+    const char *title; /* of an axis */
+    double slope;      /* over time in log-log, where more time is more samples and there is no bias */
+    const char *plain; /* one sentence that explains it */
+};
+/* Static. */
+const struct error_about *error_about(enum error_kind kind);
+
+/* The errors out[ERROR_KINDS][n] of n pictures that differ in their seeds only. mask: as for judge_init; pairs: from
+ * judge_pairs. ERR_NOMEM. */
+MUST_CHECK enum err errors_of(const struct judge *j, const uint8_t *mask, const float *const *x, const double *pairs,
+                              uint32_t n, double *out);

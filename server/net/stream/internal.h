@@ -1,0 +1,410 @@
+/* Shared by the files of this room. The service thread owns all sockets and viewers; other threads access only what is
+ * marked {lock} or atomic. */
+#pragma once
+
+#include "net/access/site.h"
+#include "net/access/tls.h"
+#include "net/access/visitors.h"
+#include "net/message/message.h"
+#include "net/stream/assembly.h"
+#include "net/stream/control.h"
+#include "net/stream/guests.h"
+#include "net/stream/ingest.h"
+#include "net/stream/limits.h"
+#include "net/stream/pixel_probe.h"
+#include "net/stream/prometheus.h"
+#include "net/stream/server.h"
+
+#include <libwebsockets.h>
+#include <pthread.h>
+#include <stdatomic.h>
+
+/* Kinds of picture, each with its own newest picture and sequence numbers: JPEG and EXR formats, JPEG at half and
+ * quarter size, the tracks of H.264, and renditions. A kind is an enum protocol_format or one of these. */
+#define STREAM_JPEG_HALF (PROTOCOL_CHANGES + 1)
+#define STREAM_JPEG_QUARTER (PROTOCOL_CHANGES + 2)
+#define STREAM_TRACKS (PROTOCOL_CHANGES + 3)              /* the first of them */
+#define STREAM_RENDITIONS (STREAM_TRACKS + SERVER_TRACKS) /* likewise, of renditions */
+#define STREAM_KINDS (STREAM_RENDITIONS + SERVER_RENDITIONS)
+#define STREAM_CHAIN 16                    /* H.264 pictures kept for viewers that are behind */
+#define STREAM_CHUNK ((size_t)64 << 10)    /* one fragment of a picture */
+#define STREAM_UNSENT (128 << 10)          /* maximum unsent bytes in the kernel: these cannot be skipped */
+#define STREAM_RECEIVE ((size_t)128 << 10) /* largest piece received at once */
+#define STREAM_OUTBOX 256                  /* text messages waiting for one client: more than STREAM_BURST answers */
+#define STREAM_PONGS 8                     /* with more messages waiting, pings get no answer */
+#define STREAM_PIECES 4096                 /* maximum callbacks for one text message */
+
+enum {
+    STREAM_STATUS_US = 500000,   /* between statuses */
+    STREAM_HELLO_US = 5000000,   /* from connection to hello */
+    STREAM_STALL_US = 10000000,  /* without a byte taken while some wait */
+    STREAM_GOODBYE_US = 2000000, /* for clients to leave when the server stops */
+    STREAM_FRAME_MS = 30000,     /* default time limit for receiving a frame */
+    STREAM_SILENT_US = 5000000,  /* another producer may replace one silent for this long */
+    STREAM_ABSENT_US = 10000000, /* a recorder that left keeps its name for this long */
+    STREAM_GRANT_US = 2000,      /* between two grants of credit, so that small frames cannot flood */
+    STREAM_LAG_US = 500000,      /* an H.264 viewer further behind skips to the newest picture */
+};
+
+/* Rate limit of a client's text messages: a token bucket. */
+#define STREAM_BURST 200.0
+#define STREAM_RATE 300.0
+
+/* Rate limit of bytes beside messages (flood.c). */
+struct flood {
+    int64_t read, messages; /* bytes read at the start, and bytes of messages since */
+    int64_t beside;         /* the most that other bytes have been */
+    double left;            /* in the bucket */
+    int64_t refilled_us;
+};
+
+/* A connection, whatever its role. */
+struct viewer {
+    struct server *server;
+    struct viewer *next; /* in server->viewers */
+    struct lws *wsi;
+    uint64_t id; /* 1, 2, ... in the order of arrival */
+    char peer[VISITOR_NAME];
+    struct guest *guest;         /* its connection and address; NULL only until it is open */
+    int64_t opened_us, heard_us; /* when it connected, and when it last sent bytes */
+
+    bool greeted; /* hello was accepted */
+    enum server_role role;
+    bool subscribed;
+    struct message wish; /* the last subscribe */
+    unsigned kind;       /* kind of picture that this selects at the present size */
+    int64_t since_us;    /* when it last started or resumed watching */
+
+    struct picture *current; /* being sent, or NULL */
+    bool repeated;           /* current is older than since_us */
+    size_t offset;           /* bytes of current handed to libwebsockets */
+    struct {
+        uint64_t sequence;
+        int64_t placed_us; /* monotonic */
+    } unacked[PROTOCOL_CREDIT_H264];
+    unsigned unacked_count;
+    uint64_t begun;    /* sequence of the last picture begun, of the present kind */
+    bool chained;      /* H.264: it can decode picture begun + 1 */
+    uint64_t outdated; /* acks up to this sequence may mean pictures of a kind watched before */
+    uint64_t sent, skipped;
+    int64_t due_us; /* no picture before this time: the viewer's max_rate */
+    lws_sorted_usec_list_t pace;
+
+    struct sequence *sequence; /* of a lockstep producer or a recorder */
+    bool recorder, sent_end;
+
+    bool producing;           /* it is server->producer */
+    uint32_t credit;          /* frames that it may still start to send */
+    struct assembly assembly; /* the frame being received */
+    int64_t frame_us;         /* when its reception began */
+    int64_t granted_us;
+    lws_sorted_usec_list_t grant;
+
+    uint64_t control_seen; /* version of the settings last sent to it */
+    bool probing;          /* a question about a pixel is open */
+    bool asking_sky;       /* likewise about the sky alone */
+    bool answer_due;       /* its control message `answer` waits for a reply */
+    uint64_t answer;
+
+    char *outbox[STREAM_OUTBOX + 1]; /* the last place is for the error that ends the connection */
+    unsigned outbox_count;
+    bool status_due;
+    int64_t moved_us; /* when the kernel last took bytes, or when the first began to wait */
+    bool waiting;     /* a write callback was requested */
+
+    uint16_t close_code; /* 0: stays */
+    char close_text[FAULT_REASON];
+
+    char text[PROTOCOL_TEXT_MAX]; /* the message being received */
+    size_t text_size;
+    unsigned pieces;
+    double tokens; /* of the rate limit */
+    int64_t tokens_us;
+    struct flood flood;
+
+    uint8_t staging[LWS_PRE +
+                    STREAM_CHUNK]; /* libwebsockets writes its header in front of the bytes, so copy shared ones here */
+};
+
+/* Counted by the service thread, read by any. */
+struct stream_counts {
+    atomic_uint_fast64_t connections, open, refused, errors, sent, skipped, acked, bytes, stalled;
+    atomic_uint_fast64_t frames_cut, frame_bytes;
+    atomic_uint_fast64_t crowded, wrong_tokens, too_fast;
+};
+
+struct server {
+    /* Constant once the thread runs, so any thread may read it; except tokens, limits, public names and certificate,
+     * which server_take_change changes and only the service thread reads. */
+    struct site site;
+    char address[64];
+    char url[96];
+    char *tls_cert, *tls_key; /* NULL: plain */
+    struct tls *tls;          /* the content of these files; NULL: plain */
+    char session[20];         /* random, new with every start */
+    char *tokens[SERVER_ROLES];
+    char *token_metrics;                             /* required for /metrics; NULL: none */
+    bool loopback;                                   /* it listens on a loopback address */
+    bool allow_remote, push, controllers, recorders; /* the last three: the role is offered */
+    bool h264;                                       /* the format is offered */
+    const struct setting *controls;                  /* see server_desc */
+    atomic_bool *new_work;                           /* set when a request from a controller waits; may be NULL */
+    const atomic_bool *leave;                        /* set when the program ends; may be NULL */
+    size_t max_frame_bytes;
+    uint32_t frame_ms;
+    uint16_t port;
+    uint32_t max_connections, max_per_address;
+    bool max_per_address_given; /* then loopback is limited too */
+    bool behind_proxy;
+    char proxy[46]; /* its address as inet_ntop prints it; "": this machine's */
+    uint32_t silent_s;
+    char *public_names; /* further Host names to accept, separated by commas; or NULL */
+    char *embed_policy; /* the content security policy of /embed */
+    struct lws_context *context;
+    struct lws_protocols protocols[3];
+    lws_retry_bo_t validity;
+    pthread_t thread;
+    bool running; /* the thread was started */
+
+    /* The service thread's own. */
+    struct viewer *viewers;
+    struct watcher *watchers; /* of plain HTTP, the newest first */
+    struct viewer *producer;  /* NULL: none */
+    struct visitors visitors;
+    struct guests guests;
+    struct limit_count limits[LIMITS];
+    uint64_t last_id;
+    lws_sorted_usec_list_t tick;
+    bool leaving; /* all clients were told */
+
+    atomic_bool stopping;
+    atomic_bool urgent;  /* send a status at once */
+    atomic_bool resized; /* pictures changed size: viewers may need another kind */
+    struct stream_counts counts;
+    struct metrics metrics;
+
+    pthread_mutex_t lock;
+    struct picture *latest[STREAM_KINDS];               /* {lock} NULL before the first */
+    uint64_t issued[STREAM_KINDS];                      /* {lock} the last sequence number given */
+    uint64_t begun;                                     /* {lock} calls of server_begin_picture */
+    struct picture *chain[SERVER_TRACKS][STREAM_CHAIN]; /* {lock} picture n at n % STREAM_CHAIN; NULL: not kept */
+    uint32_t keys_wanted;                               /* {lock} bits 1 << track: a viewer needs a keyframe */
+    uint64_t published;                                 /* {lock} */
+    int64_t captured_us;                                /* {lock} of the last frame whose age was observed */
+    char *status;                /* {lock} the part of a status that all viewers share; NULL: figures have changed */
+    struct server_demand demand; /* {lock} what viewers want; server_demand adds the rest */
+    uint32_t users[SERVER_RENDITIONS]; /* {lock} watchers of each rendition */
+    uint64_t last_serial;              /* {lock} of renditions */
+    struct ingest ingest;              /* {lock} unless noted there */
+    struct control control;            /* {lock} */
+    struct probes probes;              /* {lock} */
+    struct server_figures figures;     /* {lock} */
+    struct server *next;               /* {lock} the description from server_change; never runs */
+};
+
+/* picture.c: gives a picture its place in the stream, before other threads see it. Adds flags. */
+void picture_stamp(struct picture *p, uint64_t sequence, uint64_t made, int64_t published_us, uint8_t flags);
+uint64_t picture_made(const struct picture *p);                   /* server.begun when it was published */
+int picture_rendition(const struct picture *p, uint64_t *serial); /* its slot; -1: none */
+int64_t picture_placed_us(const struct picture *p);               /* when, by viewer_now_us */
+
+/* server.c: the kind of a picture; {lock} the kind for a subscription: the largest size that fits. */
+unsigned picture_kind(const struct picture *p);
+unsigned subscribed_kind(const struct server *s, const struct message *wish);
+
+/* server.c: a server from its description, not started. *e: as server_create; free it in every case. NULL: ERR_NOMEM.
+ */
+struct server *server_prepare(const struct server_desc *desc, enum err *e, struct reason *why);
+/* server.c: checks address, roles and tokens. ERR_USAGE: not allowed together. */
+MUST_CHECK enum err server_may_listen(struct server *s, uint16_t port, struct reason *why);
+
+/* change.c, thread: service. Applies what server_change has left in s->next. */
+void server_take_change(struct server *s);
+/* change.c, thread: the owner of the certificate. Logs its expiry, as a warning if it is soon. */
+void server_log_certificate(const struct server *s);
+
+/* server.c: {lock} makes the picture the newest of its kind. The caller releases the one before, which it returns. */
+struct picture *server_place(struct server *s, struct picture *p, uint8_t flags);
+
+/* chain.c: H.264 pictures, each of which needs the one before unless it is a keyframe. All {lock}. */
+void chain_place(struct server *s, struct picture *p); /* keeps it if watched, with a new reference */
+void chains_clear(struct server *s, uint32_t watched); /* drops the pictures of tracks not in `watched` */
+/* The viewer's next picture: the next of its chain, or else the newest keyframe. Not referenced; NULL: none. */
+struct picture *chain_next(const struct server *s, const struct viewer *v);
+uint64_t chain_newest(struct server *s, unsigned track); /* the last sequence number; takes the lock itself */
+/* Whether p may begin before pictures under way are acknowledged. */
+bool chain_may_begin(const struct server *s, const struct viewer *v, const struct picture *p);
+/* Requests a keyframe if the viewer cannot continue without one. */
+void chain_ask(struct server *s, const struct viewer *v);
+
+/* http.c, viewer.c: the callbacks of libwebsockets. Thread: service. */
+int http_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length);
+int viewer_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length);
+
+/* One request. */
+struct http_session {
+    const uint8_t *bytes; /* the unsent rest of the body */
+    size_t left;
+    char *text; /* the body if it is no file; owned, freed once sent */
+};
+
+/* The head of a response. Zero means the default. */
+struct http_head {
+    unsigned status;
+    const char *type;
+    const char *etag;   /* in quotes; NULL: none */
+    const char *policy; /* of a page that others may show in a frame: its content security policy */
+    size_t size;        /* of the body */
+    bool endless;       /* the body ends with the connection */
+    bool fresh;         /* never to be stored; else to be checked each time */
+    bool asks_password;
+};
+/* http.c: sends it. 0, or -1: close the connection. */
+int http_send_head(struct lws *wsi, const struct http_head *head);
+
+/* Whether a name is a socket's own address, numerically. */
+bool http_is_address(const struct sockaddr_storage *local, const char *name);
+
+/* http.c: the headers of every response, among them the content security policy. Static. Any thread. */
+const struct lws_protocol_vhost_options *http_headers(void);
+/* http.c: whether the request's Host is accepted, and its Origin, if any, is that Host: pages from elsewhere must not
+ * reach a server on the user's own machine. Thread: service. */
+bool http_host_ok(const struct server *s, struct lws *wsi);
+bool http_origin_ok(struct lws *wsi);
+/* http.c: the policy of /embed for these origins, separated by commas; NULL: none. ERR_USAGE names what is no origin.
+ * ERR_NOMEM. */
+MUST_CHECK enum err embed_policy(const char *origins, char **out, struct reason *why);
+/* Answers and closes the connection: returns -1. */
+int http_refuse(struct server *s, struct lws *wsi, unsigned status, const char *text);
+/* Short: one write, text of at most 1024 bytes. Long: takes over text. 0, or -1: close the connection. */
+int http_respond_text(struct lws *wsi, unsigned status, const char *type, const char *text, bool head);
+int http_respond_long(struct lws *wsi, struct http_session *h, const char *type, char *text, size_t size, bool head);
+
+/* monitor.c, thread: service. Whether path is /healthz, /readyz or /metrics; and the answer, as http_respond_text. */
+bool monitor_knows(const char *path);
+int monitor_answer(struct server *s, struct lws *wsi, struct http_session *h, const char *path, bool head);
+
+/* admission.c, any thread: copies, freed by mem_free. False, ERR_NOMEM: out of memory. ERR_USAGE: token too long or
+ * empty; no message contains a token. A NULL token gives NULL. */
+bool admission_copy(char **out, const char *text);
+enum err admission_copy_token(const char *name, const char *token, char **out, struct reason *why);
+
+/* admission.c, thread: service. The address at the other end. NULL: the connection is gone, or there is no free row. */
+struct visitor *admission_peer(struct server *s, struct lws *wsi);
+/* Before the upgrade: behind a proxy, the connection counts for the client in X-Forwarded-For. False: bad header. */
+bool admission_forwarded(struct server *s, struct lws *wsi);
+/* Compares a token in constant time. LATER: not compared, because that address sent too many wrong ones. */
+enum admission {
+    ADMISSION_RIGHT,
+    ADMISSION_WRONG,
+    ADMISSION_LATER,
+};
+/* given: the client's, wanted: the role's; NULL: none. A wrong one counts against the address. */
+enum admission admission_token(struct server *s, struct lws *wsi, const char *given, const char *wanted);
+/* The same for a request's Authorization: Bearer, or Basic with the token as password. wanted NULL: right. */
+enum admission admission_header(struct server *s, struct lws *wsi, const char *wanted);
+
+/* viewer_send.c, thread: service. */
+static inline int64_t viewer_now_us(void)
+{
+    return (int64_t)lws_now_usecs();
+}
+void viewer_request_write(struct viewer *v);     /* requests a write callback */
+void viewer_queue(struct viewer *v, char *text); /* queues a message, takes it over; NULL: nothing */
+void viewer_close(struct viewer *v, uint16_t code, const char *text); /* closes after the queued messages */
+void viewer_send_error(struct viewer *v, const struct fault *fault);  /* sends the error, and closes if it is fatal */
+/* The viewer's next picture, not begun yet, as a new reference; NULL: none. */
+struct picture *viewer_next_picture(struct viewer *v);
+/* Counts a message. Whether it is one too many: a token bucket of STREAM_BURST messages, refilled at STREAM_RATE per
+ * second. */
+bool viewer_too_fast(struct viewer *v, int64_t now_us);
+/* When a viewer's next picture is due after one at now_us that was due at due_us, at so many a second, 0 for any. A
+ * delay below one interval is made up for, so that the average rate holds. */
+int64_t viewer_due(int64_t due_us, int64_t now_us, double rate);
+/* Whether a picture may begin now. If only the viewer's rate forbids it, schedules a write for later. */
+bool viewer_may_begin(struct viewer *v);
+int viewer_write(struct viewer *v); /* one write; -1: close the connection */
+
+/* viewer_receive.c, thread: service. Chooses the viewer's kind for its subscription and the present size. */
+void viewer_choose(struct viewer *v);
+/* One piece of a message from the viewer. */
+void viewer_receive(struct viewer *v, const uint8_t *in, size_t length);
+
+/* producer.c, thread: service. */
+void producer_hello(struct viewer *v, const struct message *m, struct welcome *w, struct fault *fault);
+/* One piece of a binary message. */
+void producer_receive(struct viewer *v, const uint8_t *in, size_t length, size_t coming, bool last);
+void producer_tick(struct viewer *v, int64_t now_us);
+void producer_leave(struct viewer *v); /* closed or replaced: frees the frame being received */
+void producers_send(struct server *s); /* sends fates and credit that are due */
+
+/* recorder.c, thread: service. A recorder is a viewer that gets every picture of one lockstep sequence. */
+void recorder_hello(struct viewer *v, const struct message *m, struct welcome *w, struct fault *fault);
+bool recorder_subscribe(struct viewer *v, const struct message *m, struct fault *fault);
+/* received: the picture was sent to v, and not acknowledged before. */
+void recorder_ack(struct viewer *v, const struct message *m, bool received, struct fault *fault);
+void recorder_send_end(struct viewer *v); /* sends the end of its sequence, if over */
+void recorder_leave(struct viewer *v);
+void recorder_displace(struct viewer *v); /* takes the name of its sequence, and closes it */
+
+/* control.c, thread: service. */
+void controls_tell(struct server *s);     /* sends answers */
+bool control_due(const struct viewer *v); /* whether v needs the present settings */
+char *control_text(struct viewer *v);     /* that message; NULL: out of memory */
+
+/* pixel_probe.c, thread: service. */
+void probe_take(struct viewer *v, const struct message *m, struct fault *fault); /* a question */
+void probe_leave(struct viewer *v);                                              /* it is closed */
+void probes_send(struct server *s);                                              /* sends answers */
+bool probe_due(const struct viewer *v); /* whether v needs the radiance of its pixel */
+char *probe_text(struct viewer *v);     /* that message; NULL: out of memory, or none */
+
+/* flood.c, thread: service. Begins to count; a piece of a message was received; closes v if it sent too much else. */
+void flood_begin(struct viewer *v);
+void flood_add(struct viewer *v, size_t length);
+void flood_check(struct viewer *v);
+
+/* viewer.c, thread: service. Whether v may be a client; if not, it is told so and closed. */
+bool viewer_has_room(struct viewer *v);
+void viewers_wake(struct server *s);       /* new pictures or states: requests writes */
+void viewers_tick(struct server *s);       /* twice a second: statuses and time limits */
+void viewers_leave(struct server *s);      /* tells all clients that the server stops */
+void viewers_demand(struct server *s);     /* sums up what viewers want */
+void viewer_limit_unsent(struct lws *wsi); /* of a connection, to STREAM_UNSENT */
+
+/* A request for pictures by plain HTTP: for one, or for a stream. */
+struct watcher {
+    struct server *server;
+    struct watcher *next; /* in server->watchers */
+    struct lws *wsi;
+    struct guest *guest;
+    char peer[VISITOR_NAME];
+    const struct resource *resource;
+    bool head;                  /* without a body */
+    unsigned kind;              /* of pictures */
+    uint64_t fresh;             /* older pictures (picture_made) do not count */
+    int64_t opened_us, sent_us; /* the latter: when the last picture had been sent */
+    int64_t moved_us;           /* as in struct viewer */
+    bool waiting, answered, closing;
+
+    struct picture *current; /* being sent, or NULL */
+    size_t offset;           /* bytes of it passed to libwebsockets */
+    bool again;              /* the same picture is due again, for proxies that expect bytes */
+    uint64_t begun, sent, skipped;
+};
+
+#define WATCHER_PATHS "/snapshot.jpg, .png and .exr, /stream.mjpeg"
+
+/* watcher.c, thread: service. Whether path has pictures; the answer, as http_respond_text; one write. */
+bool watcher_knows(const char *path);
+int watcher_request(struct server *s, struct lws *wsi, const char *path, bool head);
+int watcher_write(struct watcher *w);
+bool watcher_streams(const struct watcher *w);
+void watcher_close(struct watcher *w);   /* soon, by the server's own choice */
+void watcher_destroy(struct watcher *w); /* NULL is allowed */
+void watchers_wake(struct server *s);    /* as viewers_... */
+void watchers_tick(struct server *s);
+void watchers_demand(const struct server *s, struct server_demand *d); /* {lock} */
+
+/* watcher.c: {lock} whether the picture is of its slot's present use. */
+bool rendition_is_wanted(const struct server *s, const struct picture *p);

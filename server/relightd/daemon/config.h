@@ -1,0 +1,62 @@
+/* The configuration of relightd, from the command line, the configuration file and the token files. The main thread
+ * writes it once at startup; then every thread may read it without a lock. */
+#pragma once
+
+#include "relightd/daemon/settings.h"
+
+#include "base/log.h"
+#include "import/decoder/decoder.h"
+#include "light/frame/relight.h"
+#include "light/frame/still.h"
+#include "net/publish/target.h"
+#include "net/stream/server.h"
+#include "sky/source/sky.h"
+#include "sky/source/source.h"
+#include "sky/tables/environment.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/* How the ranks of a job send the light of shade points, and whether a single process rounds it in the same way. */
+enum part_floats { PART_AUTO, PART_HALF, PART_FLOAT };
+
+/* Strings belong to struct config_readings. */
+struct daemon_config {
+    struct setup setup; /* `initial` also configures lockstep sequences, since controllers cannot change it. Method,
+                           samples, classes, rotation and scale come from the current settings instead */
+    int part_floats;    /* enum part_floats */
+    struct still_wish converge; /* error 0: still images are not refined */
+    double picture_s;           /* limit on the time per image for controllers' settings */
+    double rate;                /* frames per second from the source; 0: as fast as they are rendered */
+    double h264_bits;           /* maximum bits per second of the full-size track; 0: by size and rate */
+    struct setting_texts publish_urls;
+    struct publish_target publish[SETTING_TEXTS_MAX]; /* the parsed publish targets */
+    struct server_desc server_desc;
+    struct log_desc log;
+    const char *state_dir; /* NULL: settings do not survive a restart */
+    bool push;             /* producers send the frames */
+    bool no_sandbox;       /* decode producers' files in this process */
+    uint32_t max_side;     /* limit on a producer's image, in texels; 0: no limit, because the source is local */
+    struct decoder_desc decoder_desc;
+    double decode_seconds; /* time limit for a producer's file */
+    bool computed_sky;
+    struct sky_desc sky; /* where computed_sky */
+};
+
+/* The inputs of a config: those at startup, whose strings stay in use, and the latest reload. Zero it first. Thread:
+ * main. */
+struct config_reading;
+struct config_readings {
+    struct config_reading *first, *latest;
+};
+
+/* Reads flags, configuration file and tokens into *c. *done: --help, --version or the answer to --check-config was
+ * printed, and the program should exit. ERR_USAGE names the flag, or file, line and key. ERR_NOMEM. Call
+ * config_readings_finish afterwards in every case. */
+MUST_CHECK enum err daemon_config_read(struct daemon_config *c, struct config_readings *r, int argc, char **argv,
+                                       bool *done, struct reason *why);
+void config_readings_finish(struct config_readings *r);
+
+/* Reloads everything (SIGHUP). Applies changes that are possible at run time and logs those that need a restart; on a
+ * fault, logs it and changes nothing. */
+void daemon_config_reload(struct config_readings *r, struct settings_store *settings, struct server *server);

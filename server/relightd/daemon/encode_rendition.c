@@ -1,0 +1,106 @@
+#include "relightd/daemon/encode_parts.h"
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "image/codec/exr_write.h"
+#include "image/codec/png_write.h"
+
+#define STILL_SHARE 0.25 /* of this thread's time, at most, for single pictures: viewers need the rest */
+
+/* The image at the rendition's size; rgb or srgb is set. */
+struct sized {
+    uint32_t width, height;
+    const float *rgb;
+    const uint8_t *srgb;
+    void *scratch; /* to free */
+};
+
+/* False: out of memory. */
+static bool resize(struct encode_thread *t, const struct shaded *in, const struct server_rendition *r,
+                   struct sized *out)
+{
+    const uint32_t width = in->header.width, height = in->header.height;
+    const bool exr = r->image == SERVER_EXR;
+
+    *out = (struct sized){ width, height, exr ? in->rgb : NULL, exr ? NULL : t->display[0], NULL };
+    if (r->width == 0 || r->width >= width)
+        return true;
+    out->width = r->width;
+    out->height = scale_height(width, height, r->width);
+    out->scratch = mem_alloc_raw((size_t)out->width * out->height, exr ? 3 * sizeof(float) : 3);
+    if (!out->scratch)
+        return false;
+    if (exr)
+        scale_linear(in->rgb, width, height, out->scratch, out->width, out->height);
+    else
+        scale_srgb(t->scaler, t->display[0], width, height, out->scratch, out->width, out->height);
+    out->rgb = exr ? out->scratch : NULL;
+    out->srgb = exr ? NULL : out->scratch;
+    return true;
+}
+
+/* *owned: to free; NULL: *bytes are the encoder's. */
+static enum err encode(struct encode_thread *t, const struct sized *s, enum server_image image, int quality,
+                       const uint8_t **bytes, size_t *size, uint8_t **owned, struct reason *why)
+{
+    const struct png_desc png = { .samples = s->srgb, .width = s->width, .height = s->height };
+    const struct exr_desc exr = { .rgb = s->rgb, .width = s->width, .height = s->height, .depth = EXR_HALF };
+
+    *owned = NULL;
+    if (image == SERVER_JPEG)
+        return jpeg_encode(t->jpeg, s->srgb, s->width, s->height, quality, bytes, size);
+    const enum err e = image == SERVER_PNG ? png_encode(&png, owned, size, why) : exr_encode(&exr, owned, size, why);
+    *bytes = *owned;
+    return e;
+}
+
+static void publish(struct encode_thread *t, const struct shaded *in, unsigned slot, const struct server_rendition *r,
+                    int quality)
+{
+    const double start = clock_seconds();
+    struct protocol_picture header = in->header;
+    struct reason why = { "" };
+    struct picture *p = NULL;
+    const uint8_t *bytes;
+    struct sized s;
+    uint8_t *owned = NULL;
+    size_t size;
+
+    t->rendered[slot] = r->serial;
+    if (resize(t, in, r, &s) && encode(t, &s, r->image, quality, &bytes, &size, &owned, &why) == ERR_OK) {
+        header.format = PROTOCOL_JPEG; /* unused: a rendition goes to no viewer */
+        header.width = s.width;
+        header.height = s.height;
+        header.encoded_us = (uint32_t)(1e6 * (clock_seconds() - start));
+        p = picture_create(&header, bytes, size);
+    }
+    if (p) {
+        picture_set_rendition(p, slot, r->serial);
+        server_publish(t->shared->server, p);
+    } else {
+        log_error("an image for plain HTTP could not be encoded: %s", why.text[0] ? why.text : "out of memory");
+    }
+    mem_free(owned);
+    mem_free(s.scratch);
+    if (r->still)
+        t->still_due_s = clock_seconds() + (1.0 / STILL_SHARE - 1.0) * (clock_seconds() - start);
+}
+
+bool renditions_encode(struct encode_thread *t, const struct shaded *in, const struct server_demand *demand,
+                       int quality)
+{
+    bool all = true;
+
+    for (unsigned k = 0; k < SERVER_RENDITIONS; k++) {
+        const struct server_rendition *r = &demand->renditions[k];
+        if (r->image == SERVER_NO_IMAGE || t->rendered[k] == r->serial ||
+            (r->still && clock_seconds() < t->still_due_s))
+            continue;
+        if (r->image == SERVER_EXR && !in->rgb)
+            all = false;
+        else if (t->display_valid & 1)
+            publish(t, in, k, r, quality);
+    }
+    return all;
+}

@@ -1,0 +1,57 @@
+/* Handoff between threads: frames from ingest to shade, pictures from shade to encode. Three slots each
+ * (base/handoff.h): the newest wins, and one thread at a time writes or reads a slot. As a job, the shade thread takes
+ * frames early, and there are four. */
+#pragma once
+
+#include "base/err.h"
+#include "base/handoff.h"
+#include "net/stream/server.h"
+#include "sky/source/sky.h"
+#include "sky/source/source.h"
+#include "sky/tables/environment.h"
+
+struct daemon_config;
+
+/* An environment frame, ready to light the scene. */
+struct ingested {
+    struct environment *environment;
+    struct server_ticket ticket; /* id 0: not from a producer */
+    double decode_ms;
+    int64_t ready_ms;    /* clock_ms of its publication */
+    uint64_t position;   /* in the source */
+    bool has_sky;        /* a computed sky, described by */
+    struct sky_desc sky; /* this */
+    bool has_place;      /* a weather file: of */
+    struct source_place place;
+};
+
+/* A linear picture, float[height][width][3], ready to encode. */
+struct shaded {
+    float *rgb;
+    uint8_t *changes; /* [height][width][3]: which pixels changed (light/frame/changes.h), if has_changes */
+    bool has_changes; /* somebody asked for them */
+    struct protocol_picture header;
+    struct server_ticket ticket;
+    bool new_view; /* first picture of another camera: automatic exposure restarts */
+};
+
+struct frame_slots {
+    struct handoff handoff;
+    struct ingested slot[HANDOFF_SLOTS_EARLY];
+    int count;                      /* of slots with an environment */
+    struct resample_tables *tables; /* shared by these environments */
+};
+
+struct picture_slots {
+    struct handoff handoff;
+    struct shaded slot[HANDOFF_SLOTS];
+};
+
+/* Main thread, before the others start. ERR_NOMEM; call finish in either case, which accepts zeroed memory. */
+MUST_CHECK enum err frame_slots_init(struct frame_slots *s, const struct daemon_config *config, int count);
+void frame_slots_finish(struct frame_slots *s);
+MUST_CHECK enum err picture_slots_init(struct picture_slots *s, uint32_t width, uint32_t height);
+void picture_slots_finish(struct picture_slots *s);
+
+/* Shade thread: hands the slot to the encode thread. A picture that this replaces is reported as superseded. */
+void picture_slots_publish(struct picture_slots *s, int slot, struct server *server);

@@ -1,0 +1,126 @@
+#include "relightd/settings/settings.h"
+
+#include "base/log.h"
+
+#include <unistd.h>
+
+/* Why a flag has no effect; NULL: it has one. */
+typedef const char *ignored_by(const struct setup *s);
+
+static bool has_class(const struct setup *s, uint32_t classes)
+{
+    return (s->light.classes & classes) != 0;
+}
+
+static const char *without_indirect(const struct setup *s)
+{
+    return has_class(s, PATH_INDIRECT) ? NULL : "there is no indirect light with this --paths";
+}
+
+static const char *without_caustics(const struct setup *s)
+{
+    return has_class(s, PATH_CAUSTICS) ? NULL : "there are no caustics with this --paths";
+}
+
+static const char *without_paths(const struct setup *s)
+{
+    if (method_is_reference(s->light.direct.method))
+        return "a reference --method computes the whole image by itself";
+    return has_class(s, PATH_INDIRECT | PATH_CAUSTICS)
+               ? NULL
+               : "there is neither indirect light nor a caustic with this --paths";
+}
+
+static const char *without_tracer(const struct setup *s)
+{
+    const bool caustics = s->light.caustics != PLAN_EYE && s->light.caustics != PLAN_NONE;
+
+    if (without_paths(s) || s->light.indirect == PLAN_LIGHT || (caustics && has_class(s, PATH_CAUSTICS)))
+        return without_paths(s);
+    return "with this --paths, --caustics and --indirect there is no light tracer";
+}
+
+static const char *without_store(const struct setup *s)
+{
+    const bool may = s->light.caustics == PLAN_STORED || s->light.caustics == PLAN_AUTO;
+
+    return may ? without_caustics(s) : "light paths are kept for --caustics stored alone";
+}
+
+static bool is_cached(const struct setup *s)
+{
+    return s->light.direct.method == METHOD_CACHED || (s->light.direct.method == METHOD_AUTO && s->allow_bias > 0.0);
+}
+
+static const char *without_cache(const struct setup *s)
+{
+    return is_cached(s) ? NULL : "only --method cached, and auto with --allow-bias, have a cache";
+}
+
+static const char *without_memory(const struct setup *s)
+{
+    return s->light.caustics == PLAN_STORED ? NULL : without_cache(s);
+}
+
+static const char *without_auto(const struct setup *s)
+{
+    return s->light.direct.method == METHOD_AUTO ? NULL : "only --method auto chooses";
+}
+
+static const char *without_strata(const struct setup *s)
+{
+    const enum method m = s->light.direct.method;
+
+    return m == METHOD_FACES || m == METHOD_FACES_UNIFORM || m == METHOD_MIS || m == METHOD_AUTO || m == METHOD_CACHED
+               ? NULL
+               : "only --method faces, faces-uniform, mis and auto have strata";
+}
+
+static const char *without_components(const struct setup *s)
+{
+    return s->light.direct.method == METHOD_COMPONENTS ? NULL : "it is for --method components";
+}
+
+static const char *without_whole_light(const struct setup *s)
+{
+    return s->light.direct.method == METHOD_COMPONENTS ? "components have the light that they were made with" : NULL;
+}
+
+static const char *without_lamps(const struct setup *s)
+{
+    return s->initial.lamps > 0.0 ? NULL : "--lamps 0 turns the lamps off";
+}
+
+static const struct {
+    const char *flag;
+    ignored_by *why;
+} rows[] = {
+    { "indirect", without_indirect },   { "caustics", without_caustics }, { "eye-paths", without_paths },
+    { "particles", without_tracer },    { "start", without_tracer },      { "stored-paths", without_store },
+    { "renew", without_store },         { "cache-file", without_cache },  { "cache-dir", without_cache },
+    { "cache-memory", without_memory }, { "cache-wait", without_cache },  { "allow-bias", without_auto },
+    { "cells", without_strata },        { "compensate", without_strata }, { "sun", without_strata },
+    { "lamp-samples", without_lamps },  { "parts", without_components },  { "paths", without_whole_light },
+    { "samples", without_whole_light },
+};
+
+void setup_report_ignored(struct command *c, const struct setup *s)
+{
+    for (size_t k = 0; k < sizeof(rows) / sizeof(rows[0]); k++) {
+        const char *flag = rows[k].flag;
+        const char *why = command_flag(c, flag) && command_given(c, flag) ? rows[k].why(s) : NULL;
+        if (why)
+            log_warning("--%s has no effect: %s", flag, why);
+    }
+    const long processors = sysconf(_SC_NPROCESSORS_ONLN);
+    if (processors > 0 && s->threads > (unsigned long)processors)
+        log_warning("--threads %u: this machine has %ld processors; more threads than that make it slower", s->threads,
+                    processors);
+}
+
+void setup_report_unused(const struct setup *s, const struct plan_facts *scene)
+{
+    if (s->light.particles > 0 && !without_tracer(s) && scene->casters == 0 && s->light.indirect != PLAN_LIGHT)
+        log_warning(
+            "--particles has no effect: the scene has no mirror and no glass, and --indirect light is not given");
+}

@@ -1,0 +1,105 @@
+/* The G-buffer: what the camera sees, without light. Instead of pixels it holds shading points; a pixel is
+ *     sum over its entries   weight * Lo(shading point)  +  sum over its escapes  weight * Lenv(direction)
+ * A plain pixel has a single entry or escape of weight 1; a pixel on a geometric edge has several, from more camera
+ * rays. Camera rays are traced through mirrors and smooth glass, where weights may be coloured; the weights of a pixel
+ * without them sum to 1. Inside glass of index n a point's weight has a factor n^-2, since radiance there is n^2 as
+ * large. Shading points are stored in packets of 16 that are close together in the image and have the same kind of
+ * lobe. Immutable after gbuffer_create. Thread: any number may read. */
+#pragma once
+
+#include "base/err.h"
+#include "scene/geometry/rays.h"
+#include "scene/geometry/scatter.h"
+#include "scene/geometry/scene.h"
+
+#include <stdint.h>
+
+struct progress;
+
+struct shade_packet { /* 16 shading points; lanes >= count repeat the last one and are not shaded */
+    _Alignas(64) float x[PACKET];
+    float y[PACKET], z[PACKET];                     /* m: ray origins, already offset from the surface */
+    float ng_x[PACKET], ng_y[PACKET], ng_z[PACKET]; /* geometric normal, facing the viewer */
+    float ns_x[PACKET], ns_y[PACKET], ns_z[PACKET]; /* shading normal, on the same side */
+    float wo_x[PACKET], wo_y[PACKET], wo_z[PACKET]; /* towards the viewer, unit */
+    float diffuse[3][PACKET], specular[3][PACKET];  /* linear Rec.709, textures applied */
+    float gloss[PACKET];                            /* phong: exponent; ggx: alpha */
+    int32_t valid[PACKET];                          /* -1: shaded, 0: padding */
+    uint32_t mesh[PACKET], material[PACKET];
+    uint8_t behind[PACKET]; /* 1: seen in a mirror or through glass; 0: directly */
+    uint8_t layer[PACKET];  /* enum scatter_layer */
+    uint32_t kind;          /* enum lobe_kind */
+    uint32_t count;         /* 1..16 */
+    uint32_t sample_set;    /* set of light samples: (y mod K) K + x mod K, K = interleave; 0 at K = 1 */
+};
+
+/* Copies one point to a lane of another packet, whose kind, count and sample_set are unchanged. */
+void shade_packet_put(struct shade_packet *to, uint32_t at, const struct shade_packet *from, uint32_t lane,
+                      int32_t valid);
+
+/* Neighbouring packets can use different light samples: packet `index` uses one of PACKET_SETS sets. Multiplying by
+ * 2^32 / phi spreads neighbours over them. */
+#define PACKET_SETS 16
+static inline uint32_t packet_set(uint32_t index)
+{
+    return (index * 2654435769u) >> 28;
+}
+
+/* A subset of a G-buffer's packets, by index, without duplicates. */
+struct packet_list {
+    const uint32_t *index;
+    uint32_t count;
+};
+
+struct gbuffer_entry {
+    uint32_t point; /* packet * 16 + lane */
+    float weight[3];
+};
+
+struct gbuffer_escape {
+    struct vec3 direction; /* unit, world */
+    float weight[3];
+    float width; /* radians, > 0: edge of the square of directions that it covers, after mirrors and glass spread it;
+                    the filter width for environment_lookup_wide */
+};
+
+struct gbuffer {
+    uint32_t width, height;
+    uint32_t interleave; /* K, at least 1; 0 means 1 */
+    struct shade_packet *packets;
+    uint32_t packet_count;
+    uint64_t point_count;  /* lanes in use, without padding */
+    uint32_t *entry_first; /* [width * height + 1]: pixel i owns entries entry_first[i] .. entry_first[i + 1] */
+    struct gbuffer_entry *entries;
+    uint32_t *escape_first; /* likewise, for escapes */
+    struct gbuffer_escape *escapes;
+    float *glow; /* [height][width][3]: emission of the surfaces in a pixel, including those in mirrors and behind
+                    glass; NULL: the scene has no lamps */
+    uint64_t edge_pixels; /* pixels that got more than one camera ray */
+    uint64_t camera_rays; /* including those that continue through mirrors and glass */
+    double cut_weight;    /* total weight of all camera rays lost where chains of mirrors and glass were cut */
+    uint64_t bytes;       /* memory in use after construction */
+    float pixel_angle;    /* radians: height of a pixel at the image centre */
+};
+
+struct gbuffer_desc {
+    const struct camera *camera;
+    uint32_t width, height; /* 1..16384 */
+    uint32_t edge_rays;  /* per side: an edge pixel gets edge_rays^2 camera rays; 0: 4, 1: no extra ones; at most 64 */
+    bool every_pixel;    /* treat all pixels as edges */
+    uint32_t interleave; /* K = 1, 2 or 4: all pixels of a packet have the same position in the K x K pattern, and each
+                            position can have its own light samples [Keller and Heidrich 2001]; 0: 1 */
+    uint64_t max_bytes;  /* limit of memory during construction, about 1.3 times the final size; 0: 4 GiB */
+    struct progress *progress; /* may be NULL; stepped once per row */
+};
+
+/* Traces a camera's G-buffer on all OpenMP threads. The caller owns *out, NULL on error. ERR_RANGE: size, interleave or
+ * max_bytes. ERR_NOMEM. */
+MUST_CHECK enum err gbuffer_create(const struct scene *scene, const struct rays *rays, const struct gbuffer_desc *desc,
+                                   struct gbuffer **out, struct reason *why);
+
+/* Returns the memory of packets first .. end - 1, or of the pixels' entries and escapes, to the system, for a process
+ * that does not need them; they read as zeros from then on. Adjusts g->bytes. Thread: no other may read g. */
+void gbuffer_release_packets(struct gbuffer *g, uint32_t first, uint32_t end);
+void gbuffer_release_pixels(struct gbuffer *g);
+void gbuffer_destroy(struct gbuffer *g); /* NULL is allowed */

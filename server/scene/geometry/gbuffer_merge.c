@@ -1,0 +1,166 @@
+#include "scene/geometry/gbuffer_build.h"
+
+#include <math.h>
+
+#define COS_5_DEGREES 0.99619470f
+#define COS_30_DEGREES 0.86602540f
+#define ROUGHNESS_STEP 0.1f /* lobes whose roughness differs by more are not averaged */
+
+/* Whether the lobes differ too little to matter, as they do within a texel or two of most roughness maps. */
+static bool lobes_alike(const struct leaf *a, const struct leaf *b)
+{
+    return a->kind != LOBE_GGX || fabsf(sqrtf(a->gloss) - sqrtf(b->gloss)) <= ROUGHNESS_STEP;
+}
+
+bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *b)
+{
+    if (a->escaped != b->escaped || a->bounces != b->bounces)
+        return false;
+    if (a->escaped)
+        return vec3_length(vec3_sub(a->arrival, b->arrival)) <= s->pixel_angle;
+    if (a->mesh != b->mesh || a->material != b->material || a->kind != b->kind || a->layer != b->layer ||
+        !lobes_alike(a, b))
+        return false;
+    /* A normal map is averaged, as it is over a pixel with a single ray. */
+    const struct material *m = &s->scene->materials[a->material];
+    const bool mapped = (m->maps & MAP_NORMAL) && (a->layer == LAYER_BASE || m->coat_bent);
+    /* With interpolated normals, the geometric normals only determine what lies below the horizon. */
+    const float geometric_least = s->scene->meshes[a->mesh].normals ? COS_30_DEGREES : COS_5_DEGREES;
+    if (vec3_dot(a->surface.shading, b->surface.shading) < (mapped ? COS_30_DEGREES : COS_5_DEGREES) ||
+        vec3_dot(a->surface.geometric, b->surface.geometric) < geometric_least)
+        return false;
+    if (a->bounces > 0 && vec3_dot(a->arrival, b->arrival) < COS_5_DEGREES)
+        return false;
+    const struct vec3 apart = vec3_sub(b->surface.position, a->surface.position);
+    return fabsf(vec3_dot(apart, a->surface.geometric)) <= fmaxf(a->footprint, b->footprint);
+}
+
+/* The position of a leaf in clustering space: escapes by direction, points by position. */
+static struct vec3 whereabouts(const struct leaf *l)
+{
+    return l->escaped ? l->arrival : l->surface.position;
+}
+
+static float total(const struct leaf *l)
+{
+    return l->weight[0] + l->weight[1] + l->weight[2];
+}
+
+/* Variances add: width^2 / 12 is the mean of the leaves' own and half the variance of their directions about the mean,
+ * per axis. */
+static float merged_width(const struct leaf *leaves, const struct leaf_link *links, uint32_t first, struct vec3 mean)
+{
+    double sum = 0.0, all = 0.0;
+
+    for (uint32_t i = first; i != LEAF_END; i = links[i].next) {
+        const struct leaf *l = &leaves[i];
+        const struct vec3 off = vec3_sub(l->arrival, mean);
+        const double w = total(l);
+        sum += w * ((double)l->footprint * l->footprint + 6.0 * (double)vec3_dot(off, off));
+        all += w;
+    }
+    return (float)sqrt(sum / all);
+}
+
+/* The mean lobe of a material whose roughness or metallic varies: in gloss it is approximate. */
+static void merge_lobes(const struct leaf *leaves, const struct leaf_link *links, uint32_t first, struct leaf *out)
+{
+    double specular[3] = { 0.0 }, weight[3] = { 0.0 }, gloss = 0.0, all = 0.0;
+    float *const to[3] = { &out->specular.x, &out->specular.y, &out->specular.z };
+
+    for (uint32_t i = first; i != LEAF_END; i = links[i].next) {
+        const struct leaf *l = &leaves[i];
+        const float from[3] = { l->specular.x, l->specular.y, l->specular.z };
+        for (int k = 0; k < 3; k++) {
+            specular[k] += (double)l->weight[k] * from[k];
+            weight[k] += l->weight[k];
+        }
+        gloss += (double)total(l) * l->gloss;
+        all += total(l);
+    }
+    for (int k = 0; k < 3; k++)
+        *to[k] = weight[k] > 0.0 ? (float)(specular[k] / weight[k]) : 0.0f;
+    out->gloss = (float)(gloss / all);
+}
+
+/* The mean normal of a cluster; it still faces the same side of `out`, which is one of them. */
+static void merge_normals(const struct leaf *leaves, const struct leaf_link *links, uint32_t first, struct leaf *out)
+{
+    struct vec3 sum = { 0.0f, 0.0f, 0.0f };
+
+    for (uint32_t i = first; i != LEAF_END; i = links[i].next)
+        sum = vec3_add(sum, vec3_scale(leaves[i].surface.shading, total(&leaves[i])));
+    if (vec3_dot(sum, out->surface.geometric) > 0.0f)
+        out->surface.shading = vec3_normalize(sum);
+}
+
+/* Merges the cluster of seed `first`. Colours are averaged per channel with the weights, which is exact, since a pixel
+ * is linear in them. */
+static struct leaf merge_cluster(const struct sight *s, const struct leaf *leaves, const struct leaf_link *links,
+                                 uint32_t first)
+{
+    double weight[3] = { 0.0 }, colour[3] = { 0.0 }, place[3] = { 0.0 }, all = 0.0;
+    uint32_t nearest = first;
+    float least = INFINITY;
+
+    for (uint32_t i = first; i != LEAF_END; i = links[i].next) {
+        const struct leaf *l = &leaves[i];
+        const struct vec3 p = whereabouts(l);
+        const double w = total(l);
+        const float diffuse[3] = { l->diffuse.x, l->diffuse.y, l->diffuse.z };
+        for (int k = 0; k < 3; k++) {
+            weight[k] += l->weight[k];
+            colour[k] += (double)l->weight[k] * diffuse[k];
+        }
+        place[0] += w * p.x;
+        place[1] += w * p.y;
+        place[2] += w * p.z;
+        all += w;
+    }
+    const struct vec3 mean = vec3_make((float)(place[0] / all), (float)(place[1] / all), (float)(place[2] / all));
+    for (uint32_t i = first; i != LEAF_END; i = links[i].next) {
+        const float d = vec3_length(vec3_sub(whereabouts(&leaves[i]), mean));
+        if (d < least) {
+            least = d;
+            nearest = i;
+        }
+    }
+    struct leaf l = leaves[nearest];
+    for (int k = 0; k < 3; k++)
+        l.weight[k] = (float)weight[k];
+    l.diffuse = vec3_make(weight[0] > 0.0 ? (float)(colour[0] / weight[0]) : 0.0f,
+                          weight[1] > 0.0 ? (float)(colour[1] / weight[1]) : 0.0f,
+                          weight[2] > 0.0 ? (float)(colour[2] / weight[2]) : 0.0f);
+    const uint32_t maps = l.escaped ? 0 : s->scene->materials[l.material].maps;
+    if (maps & (MAP_ROUGHNESS | MAP_COAT_ROUGHNESS))
+        merge_lobes(leaves, links, first, &l);
+    if (maps & MAP_NORMAL)
+        merge_normals(leaves, links, first, &l);
+    if (l.escaped) {
+        l.arrival = vec3_normalize(mean);
+        l.footprint = merged_width(leaves, links, first, mean);
+    }
+    return l;
+}
+
+void leaves_merge(const struct sight *s, struct leaf *leaves, struct leaf_link *links, uint32_t *count)
+{
+    uint32_t clusters = 0;
+
+    /* Each leaf joins the first seed it is similar to, else becomes a seed. */
+    for (uint32_t i = 0; i < *count; i++) {
+        uint32_t k = 0;
+        while (k < clusters && !leaf_alike(s, &leaves[links[k].seed], &leaves[i]))
+            k++;
+        if (k == clusters)
+            links[clusters++].seed = i;
+        struct leaf_link *first = &links[links[k].seed];
+        if (first != &links[i])
+            links[first->last].next = i;
+        first->last = i;
+        links[i].next = LEAF_END;
+    }
+    for (uint32_t k = 0; k < clusters; k++) /* writes at or before its seed, which no later cluster reads */
+        leaves[k] = merge_cluster(s, leaves, links, links[k].seed);
+    *count = clusters;
+}

@@ -1,0 +1,6 @@
+/* What the texture*.c files share. Private to them. */
+#pragma once
+
+#include "scene/geometry/texture.h"
+
+extern const float texture_srgb[256]; /* linear values of sRGB bytes, rising from 0 to 1 */

@@ -1,0 +1,47 @@
+/* The emitters of a scene: a table of its emissive triangles, and its punctual lights. Immutable once created. Thread:
+ * any number may read. */
+#pragma once
+
+#include "base/vec.h"
+#include "scene/geometry/rays.h"
+#include "scene/geometry/scene.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+struct emitters;
+
+/* scene and rays must outlive the emitters. The caller owns the result. NULL when out of memory. */
+struct emitters *emitters_create(const struct scene *scene, const struct rays *rays);
+void emitters_destroy(struct emitters *e); /* NULL is allowed */
+
+/* The numbers of emissive triangles and of punctual lights. */
+uint64_t emitters_triangles(const struct emitters *e);
+uint64_t emitters_lights(const struct emitters *e);
+
+/* Light that arrives at a point, without occlusion. */
+struct arrival {
+    struct vec3 dir; /* towards the light; length 1 */
+    struct vec3 to;  /* from the point to the end of the shadow ray, not normalised; equals dir for directional light */
+    float tfar;      /* of a shadow ray along `to` */
+    double rgb[3];   /* triangles: radiance; punctual lights: irradiance of a surface that faces the light, divided by
+                        the probability of picking this light */
+    double density;  /* sr^-1; triangles only */
+};
+
+/* Samples a point on the emissive triangles: selects a triangle in proportion to area times luminance of its emission,
+ * and a uniform point on it. False: there are none, or the triangle is edge-on or emits nothing at the point. x: three
+ * numbers in [0, 1). */
+bool emitters_sample(const struct emitters *e, struct vec3 from, const double x[3], struct arrival *out);
+
+/* The density, sr^-1, with which emitters_sample picks the direction of a hit at distance t (in units of dir's length,
+ * which is 1) on a surface with this geometric normal. */
+double emitters_density(const struct emitters *e, const struct hit *h, struct vec3 geometric, struct vec3 dir);
+
+/* Picks a punctual light in proportion to its unoccluded irradiance at the point, by one number in [0, 1). False: none
+ * reaches it. */
+bool emitters_pick_light(const struct emitters *e, struct vec3 from, double x, struct arrival *out);
+
+/* The irradiance of a surface at `from` that faces the light. dir: towards the light, unit; *distance: INFINITY for
+ * directional lights. The spot's falloff is the square of a linear function of the cosine [KHR_lights_punctual]. */
+void light_arrive(const struct punctual_light *l, struct vec3 from, struct vec3 *dir, double *distance, double rgb[3]);

@@ -1,0 +1,51 @@
+/* Lists the files that a source specification names, in order, and reads them. Private to this room, behind source.h.
+ * Thread: one per list. */
+#pragma once
+
+#include "base/err.h"
+#include "image/codec/frame.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#define FILES_SIZE_MAX ((uint64_t)1 << 30) /* maximum bytes of a file: 1 GiB */
+
+struct file_item {
+    char *path; /* owned */
+    uint64_t number;
+    /* For a cube map of six files, path is the first; the others replace face_length characters at path + face_at (px,
+     * nx, py, ny, pz, nz: 2; posx ..: 4). 0: a single file. */
+    size_t face_at, face_length;
+};
+
+/* A queue of files: items[next] is read next. Zeroed memory is an empty queue. */
+struct file_list {
+    struct file_item *items;
+    size_t count, capacity, next;
+};
+
+/* Appends dir/name, or just name if dir is NULL. ERR_NOMEM: the list is unchanged. */
+MUST_CHECK enum err files_add(struct file_list *l, const char *dir, const char *name, uint64_t number);
+void files_finish(struct file_list *l); /* frees the list; zeroed memory is allowed */
+
+/* Whether a folder entry is a frame by its name: .exr or .hdr in any case, and not hidden. (Writers use a name with a
+ * leading dot until the file is complete.) */
+bool files_is_frame_name(const char *name);
+
+/* Lists everything that `spec` names, ordered and numbered as in source.h. The caller owns *out. A file of exactly that
+ * name takes precedence, so that `a%d.exr` or `[a].exr` can be opened. ERR_IO: nothing found. ERR_USAGE: an invalid
+ * pattern. ERR_NOMEM. *why names the spec. */
+MUST_CHECK enum err files_from_spec(const char *spec, struct file_list *out, struct reason *why);
+
+/* Lists the frames of a folder in byte order, numbered from 0; may be empty. The caller owns *out. ERR_IO, ERR_NOMEM.
+ */
+MUST_CHECK enum err files_from_folder(const char *dir, struct file_list *out, struct reason *why);
+
+/* Reads a file, or six in the order px, nx, py, ny, pz, nz (f->faces), into f->bytes, with number, name and
+ * modification time as capture time. ERR_IO: cannot be read, empty, or not a regular file. ERR_RANGE: larger than
+ * FILES_SIZE_MAX. ERR_NOMEM. */
+MUST_CHECK enum err files_read(const struct file_item *item, struct frame *f, struct reason *why);
+
+/* Writes a message such as "dir: cannot open: No such file or directory" from errno; returns ERR_IO. */
+enum err files_say_errno(struct reason *why, const char *path, const char *what, int number);

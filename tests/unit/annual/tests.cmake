@@ -1,1 +1,0 @@
-unit_test(annual test_points m)

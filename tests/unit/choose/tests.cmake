@@ -1,5 +1,0 @@
-unit_test(choose test_pilot_allot light)
-unit_test(choose test_pilot_measure light)
-unit_test(choose test_plan)
-unit_test(choose test_budget)
-unit_test(choose test_buy m)

@@ -1,1 +1,0 @@
-unit_test(confine test_network Threads::Threads)

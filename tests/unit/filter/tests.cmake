@@ -1,1 +1,0 @@
-unit_test(filter test_filter)

@@ -1,0 +1,1 @@
+unit_test(sandbox test_network Threads::Threads)

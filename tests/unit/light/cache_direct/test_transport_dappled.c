@@ -1,0 +1,89 @@
+/* The cache of light transport under leaves: where most points see the sun in part. */
+#include "light/cache_direct/transport.h"
+#include "light/cache_direct/transports.h"
+#include "light/estimators/points.h"
+#include "light/estimators/worlds.h"
+
+enum { LEAVES = 11000, WIDTH = 64, HEIGHT = 48 };
+
+/* A floor seen from above, and small leaves at random in a layer over it: a tenth of the sun comes through. */
+static struct scene *shade_of_leaves(void)
+{
+    static const float floor[4][3] = { { -6, 0, -6 }, { -6, 0, 6 }, { 6, 0, 6 }, { 6, 0, -6 } };
+    float(*corners)[3] = mem_alloc((size_t)4 * LEAVES, sizeof(*corners));
+    struct scene *s = scene_create();
+    struct rng r = { 7 };
+
+    add_quads(s, add_lambert(s, 0.5f), floor, 1);
+    for (uint32_t k = 0; k < LEAVES; k++) {
+        const float at[3] = { (float)(6.0 * rng_next(&r) - 3.0), (float)(2.0 + rng_next(&r)),
+                              (float)(6.0 * rng_next(&r) - 3.0) };
+        const float a = (float)(2.0 * PI * rng_next(&r)), u[2] = { 0.06f * cosf(a), 0.06f * sinf(a) };
+        const float leaf[4][3] = { { at[0] + u[0], at[1], at[2] + u[1] },
+                                   { at[0] - u[1], at[1] + 0.03f, at[2] + u[0] },
+                                   { at[0] - u[0], at[1], at[2] - u[1] },
+                                   { at[0] + u[1], at[1] - 0.03f, at[2] - u[0] } };
+        memcpy(corners[4 * (size_t)k], leaf, sizeof(leaf));
+    }
+    add_quads(s, add_lambert(s, 0.2f), corners, LEAVES);
+    mem_free(corners);
+    return s;
+}
+
+static double mean_of(const struct gbuffer *g, const float *lo)
+{
+    double sum = 0.0;
+
+    for (size_t i = 0; i < (size_t)g->packet_count * 3 * PACKET; i++)
+        sum += (double)lo[i];
+    return sum / (3.0 * (double)g->point_count);
+}
+
+/* Of 64 samples eight go to the sun. Where points count as dark by the first ones, because these agree, the shade comes
+ * out too dark: by 1.4 % of all light if each point decides by itself, which this is to find, and by 0.4 % as it is.
+ * The mean over 3000 points and eight seeds scatters by 0.1 %. */
+static void dappled_shade_is_not_darker_than_it_is(void **state)
+{
+    const struct camera above = { "above", { 0, 1.8f, 0.01f }, { 0, 0, 0 }, { 0, 0, -1 }, 1.2f };
+    const struct transport_desc desc = { .seed = 8 };
+    const struct direct_desc all = { .method = METHOD_MIS, .sun = true, .samples = 4096, .seed = 4 };
+    const struct gbuffer_desc size = { .width = WIDTH, .height = HEIGHT, .edge_rays = 1 };
+    struct gbuffer_desc seen = size;
+    struct transport_frame_stats stats;
+    struct direct_stats direct_stats;
+    struct reason why = { "" };
+    struct transport *t;
+    struct gbuffer *g;
+    struct world w;
+    (void)state;
+
+    world_make(&w, shade_of_leaves(), &above, WIDTH, HEIGHT, sky_environment(sky_with_sun(256, 128, 4e3f), 128, 0.0));
+    seen.camera = &above;
+    assert_int_equal(gbuffer_create(w.scene, w.rays, &seen, &g, &why), ERR_OK);
+    const size_t packets = g->packet_count;
+    float *lo = mem_alloc(packets, 3 * PACKET * sizeof(float)), *want = mem_alloc(packets, 3 * PACKET * sizeof(float));
+    t = transport_of(g, w.rays, &desc);
+    double sum = 0.0;
+    for (uint64_t seed = 0; seed < 8; seed++) {
+        const struct transport_frame frame = { .samples = 64, .seed = seed };
+        assert_int_equal(transport_shade(t, w.environment, &frame, lo, &stats), ERR_OK);
+        sum += mean_of(g, lo) / 8.0;
+    }
+    struct direct *d = direct_create(best_kernels());
+    assert_int_equal(direct_shade(d, g, w.rays, w.environment, &all, want, &direct_stats), ERR_OK);
+    printf("%.4f of what it is; %u of %zu packets in penumbrae, %.2f of the light bright\n", sum / mean_of(g, want),
+           stats.penumbra, packets, stats.share);
+    assert_true(stats.penumbra > packets / 2);
+    assert_true(fabs(sum / mean_of(g, want) - 1.0) < 0.008);
+    direct_destroy(d);
+    transport_destroy(t);
+    gbuffer_destroy(g);
+    world_finish(&w);
+    mem_free(lo);
+    mem_free(want);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(dappled_shade_is_not_darker_than_it_is),
+};
+UNIT_MAIN(tests)

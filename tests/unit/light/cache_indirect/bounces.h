@@ -1,0 +1,46 @@
+/* Small caches of indirect light, for tests. */
+#pragma once
+
+#include "light/cache_direct/transports.h"
+#include "light/cache_indirect/bounce.h"
+#include "light/cache_indirect/parts.h"
+#include "light/estimators/courts.h"
+#include "light/estimators/points.h"
+
+/* A cheap direct cache, of which only the packets that it takes count here. */
+static inline struct transport *direct_of(const struct lit *x)
+{
+    struct transport *t;
+    const struct transport_desc desc = { .per_cell = 1, .lobe_samples = 1 };
+
+    t = transport_of(x->gbuffer, x->rays, &desc);
+    return t;
+}
+
+static inline struct bounce_desc desc_of(const struct lit *x, const struct transport *t, uint64_t seed)
+{
+    return (struct bounce_desc){ .scene = x->scene,
+                                 .rays = x->rays,
+                                 .gbuffer = x->gbuffer,
+                                 .direct = t,
+                                 .eye = x->scene->cameras[0].position,
+                                 .records = 1500,
+                                 .seed = seed };
+}
+
+static inline struct bounce *bounce_of(const struct lit *x, const struct transport *t, uint64_t seed)
+{
+    const struct bounce_desc desc = desc_of(x, t, seed);
+    struct bounce *b;
+    struct reason why;
+
+    assert_int_equal(bounce_create(&desc, best_kernels(), &b, &why), ERR_OK);
+    assert_non_null(b);
+    return b;
+}
+
+static inline void shade_bounce(struct bounce *b, struct lit *x, const struct environment *e)
+{
+    clear(x);
+    bounce_shade_part(b, e, 1.0f, NULL, x->lo);
+}

@@ -1,0 +1,1 @@
+unit_test(denoise test_filter)

@@ -1,0 +1,114 @@
+/* Stored eye paths against traced ones: the same paths, so the same light under each sky, but for the rounding of what
+ * is stored. */
+#include "light/estimators/courts.h"
+#include "light/estimators/points.h"
+
+#include "light/estimators/eye_store.h"
+
+#include <omp.h>
+
+enum { PATHS = 24, CLASSES = PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC };
+
+static struct eye_store *store_of(const struct lit *x, uint32_t classes, uint64_t max_bytes)
+{
+    const struct eye_store_desc desc = { .classes = classes, .paths = PATHS, .seed = 5, .max_bytes = max_bytes };
+    struct eye_store *s;
+
+    assert_int_equal(eye_store_create(x->scene, x->rays, x->gbuffer, &desc, &s), ERR_OK);
+    assert_non_null(s);
+    return s;
+}
+
+/* At every point; half floats have 11 bits. One store serves all skies and each choice of classes. */
+static void a_store_lights_each_sky_as_its_own_paths_do(void **state)
+{
+    (void)state;
+    struct environment *const skies[] = { sky_environment(sky_overcast(32, 16), 16, 0.0),
+                                          sky_environment(sky_with_sun(32, 16, 20.0f), 32, 0.0) };
+    const uint32_t classes[] = { CLASSES, PATH_CAUSTICS, PATH_INDIRECT_CAUSTIC };
+    struct lit x = lit_create(mixed_court(), 24, 20);
+    float *traced = mem_alloc(x.size, sizeof(float));
+    uint32_t lit = 0;
+
+    for (int c = 0; c < 3; c++) {
+        struct eye_store *s = store_of(&x, classes[c], 0);
+        assert_int_equal(eye_store_stats(s)->per_point, PATHS);
+        for (int k = 0; k < 2; k++) {
+            clear(&x);
+            walk(&x, skies[k], 0, classes[c], PATHS, 5);
+            memcpy(traced, x.lo, x.size * sizeof(float));
+            clear(&x);
+            eye_store_light(s, skies[k], x.lo);
+            for (size_t i = 0; i < x.size; i++) {
+                assert_true(fabsf(x.lo[i] - traced[i]) <= 1e-3f * traced[i]);
+                lit += traced[i] > 0.0f;
+            }
+        }
+        eye_store_destroy(s);
+    }
+    assert_true(lit > 200);
+    mem_free(traced);
+    lit_destroy(&x);
+    environment_destroy(skies[0]);
+    environment_destroy(skies[1]);
+}
+
+static void the_same_seed_gives_the_same_bits_at_any_thread_count(void **state)
+{
+    (void)state;
+    struct environment *e = sky_environment(sky_with_sun(32, 16, 20.0f), 16, 0.0);
+    struct lit x = lit_create(mixed_court(), 24, 20);
+    float *one = mem_alloc(x.size, sizeof(float));
+    const int before = omp_get_max_threads();
+
+    for (int threads = 1; threads <= 4; threads++) {
+        omp_set_num_threads(threads);
+        struct eye_store *s = store_of(&x, CLASSES, 0);
+        clear(&x);
+        eye_store_light(s, e, x.lo);
+        eye_store_destroy(s);
+        if (threads == 1)
+            memcpy(one, x.lo, x.size * sizeof(float));
+        assert_memory_equal(one, x.lo, x.size * sizeof(float));
+    }
+    omp_set_num_threads(before);
+    mem_free(one);
+    lit_destroy(&x);
+    environment_destroy(e);
+}
+
+/* Fewer paths then, of the same mean: a tenth of the memory. */
+static void memory_that_does_not_suffice_means_fewer_paths(void **state)
+{
+    (void)state;
+    struct lit x = lit_create(mixed_court(), 24, 20);
+    struct eye_store *all = store_of(&x, CLASSES, 0);
+    struct eye_store *few = store_of(&x, CLASSES, eye_store_stats(all)->bytes / 10);
+
+    assert_in_range(eye_store_stats(few)->per_point, 1, PATHS / 4);
+    assert_true(eye_store_stats(few)->bytes < eye_store_stats(all)->bytes / 4);
+    eye_store_destroy(few);
+    eye_store_destroy(all);
+    lit_destroy(&x);
+}
+
+static void cancelled_there_is_no_store(void **state)
+{
+    (void)state;
+    const atomic_bool cancel = true;
+    const struct eye_store_desc desc = { .classes = CLASSES, .paths = 1, .cancel = &cancel };
+    struct lit x = lit_create(mixed_court(), 24, 20);
+    struct eye_store *s;
+
+    assert_int_equal(eye_store_create(x.scene, x.rays, x.gbuffer, &desc, &s), ERR_OK);
+    assert_null(s);
+    lit_destroy(&x);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(a_store_lights_each_sky_as_its_own_paths_do),
+    cmocka_unit_test(the_same_seed_gives_the_same_bits_at_any_thread_count),
+    cmocka_unit_test(memory_that_does_not_suffice_means_fewer_paths),
+    cmocka_unit_test(cancelled_there_is_no_store),
+};
+UNIT_MAIN(tests)

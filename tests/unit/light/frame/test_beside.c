@@ -1,0 +1,212 @@
+/* Caustics of live pictures (light/frame/beside.h): they wait for nothing, are the light that other pictures have,
+ * improve from picture to picture, and follow the sky. RING: docs/examples. */
+#include "light/frame/relight_passes.h"
+#include "light/frame/stage.h"
+#include "measure/compare/metrics.h"
+
+enum { WIDTH = 48, HEIGHT = 27, VALUES = 3 * WIDTH * HEIGHT, PICTURES = 12 };
+
+static struct stage ring(struct frame sky)
+{
+    return stage_make(&(struct set_desc){ .scene = RING, .width = WIDTH, .height = HEIGHT }, sky);
+}
+
+static void run(struct stage *s, const struct relight_desc *light, struct relight_stats *stats)
+{
+    if (stage_run(s, light, stats))
+        fail_msg("%s", s->why.text);
+}
+
+/* Caustics alone, and all light, as decide.c has it before there is a cache. */
+static const struct relight_desc caustics = {
+    .direct = { .method = METHOD_AUTO, .samples = 8 },
+    .classes = PATH_CAUSTICS,
+    .eye_paths = 2,
+    .stored_paths = 60000,
+    .renew = 64,
+    .denoise = true,
+    .remember = true,
+};
+
+static void under(struct stage *s, struct frame sky)
+{
+    environment_destroy(s->sky);
+    s->sky = sky_environment(sky, 64, 0.0);
+}
+
+/* The mean of many pictures that are not live. */
+static void converge(struct stage *s, const struct relight_desc *live, float mean[VALUES])
+{
+    enum { PASSES = 16 };
+    struct relight_desc light = *live;
+    struct relight_stats stats;
+
+    memset(mean, 0, VALUES * sizeof(*mean));
+    light.denoise = light.remember = false;
+    light.caustics = PLAN_LIGHT;
+    light.particles = 100000;
+    light.eye_paths = 16;
+    for (light.direct.pass = 0; light.direct.pass < PASSES; light.direct.pass++) {
+        run(s, &light, &stats);
+        for (int v = 0; v < VALUES; v++)
+            mean[v] += s->rgb[v] / PASSES;
+    }
+}
+
+static double brightness(const float *rgb)
+{
+    double sum = 0.0;
+
+    for (int v = 0; v < VALUES; v++)
+        sum += (double)rgb[v] / VALUES;
+    return sum;
+}
+
+static double error_of(const struct stage *s, const float want[VALUES])
+{
+    struct metrics m;
+
+    assert_true(metrics_compare(s->rgb, want, NULL, WIDTH, HEIGHT, 0.0, NULL, &m));
+    return m.rel_mse;
+}
+
+static void the_store_grows_while_pictures_are_made(void **state)
+{
+    struct stage s = ring(sky_with_sun(64, 32, 2e3f)), cloud = ring(sky_overcast(64, 32));
+    struct relight_desc light = caustics;
+    struct relight_stats stats;
+    uint32_t before = 0;
+    (void)state;
+
+    light.stored_paths = 20000000; /* more than a picture has time for */
+    for (light.turn = 0; light.turn < 3; light.turn++) {
+        run(&s, &light, &stats);
+        assert_int_equal(stats.plan.caustics, PLAN_STORED);
+        assert_true(stats.stored.filled > before && stats.stored.filled < stats.stored.parts);
+        assert_true(light.turn > 0 || stats.stored.filled == 2);
+        before = stats.stored.filled;
+    }
+    run(&cloud, &light, &stats); /* eye paths, until pictures have the cache and the store */
+    assert_int_equal(stats.plan.caustics, PLAN_EYE);
+    assert_true(stats.stored.filled == 0);
+    light.turn++;
+    run(&cloud, &light, &stats);
+    assert_true(stats.plan.caustics == PLAN_EYE && stats.stored.filled > 0);
+    stage_finish(&s);
+    stage_finish(&cloud);
+}
+
+static void they_are_the_light_of_other_pictures(void **state)
+{
+    static const enum plan_estimator by[] = { PLAN_STORED, PLAN_LIGHT };
+    float want[VALUES];
+    struct relight_stats stats;
+    (void)state;
+
+    for (int k = 0; k < 4; k++) {
+        struct stage s = ring(k / 2 ? sky_with_sun(64, 32, 2e1f) : sky_overcast(64, 32));
+        struct relight_desc light = caustics;
+        if (k % 2 == 0) /* for both estimators of this sky */
+            converge(&s, &light, want);
+        light.caustics = by[k % 2];
+        for (light.turn = 0; light.turn < PICTURES; light.turn++)
+            run(&s, &light, &stats);
+        printf("%s, %s: %+.2f %%, relMSE %.1e\n", k / 2 ? "sun" : "cloud", plan_estimator_name(by[k % 2]),
+               100.0 * (brightness(s.rgb) / brightness(want) - 1.0), error_of(&s, want));
+        assert_float_equal(brightness(s.rgb) / brightness(want), 1.0, 0.06);
+        assert_true(error_of(&s, want) < 0.3);
+        stage_finish(&s);
+    }
+}
+
+static struct frame sun_at(uint32_t x)
+{
+    struct frame f = sky_overcast(64, 32);
+
+    sky_paint(&f, x, 8, 2e3f, 2e3f, 2e3f);
+    return f;
+}
+
+static void pictures_learn_and_forget(void **state)
+{
+    struct stage s = ring(sun_at(20)), other = ring(sun_at(40));
+    struct relight_desc light = caustics;
+    struct relight_stats stats;
+    float want[VALUES];
+    double first, last, fresh;
+    (void)state;
+
+    light.caustics = PLAN_LIGHT;
+    light.particles = 1500;
+    converge(&s, &light, want);
+    run(&s, &light, &stats);
+    first = error_of(&s, want);
+    for (int k = 0; k < PICTURES; k++)
+        run(&s, &light, &stats);
+    last = error_of(&s, want);
+    converge(&other, &light, want);
+    run(&other, &light, &stats);
+    fresh = error_of(&other, want);
+    under(&s, sun_at(40));
+    run(&s, &light, &stats);
+    printf("first %.3f, then %.3f; another sky: %.3f, without a history %.3f\n", first, last, error_of(&s, want),
+           fresh);
+    assert_true(last < 0.4 * first);
+    assert_true(error_of(&s, want) < 1.5 * fresh);
+    stage_finish(&s);
+    stage_finish(&other);
+}
+
+/* Under cloud, eye paths find caustics until the store has grown. Then it takes over, and they must not count twice:
+ * the light that the points' history keeps has none. Caustics are 5 % of this picture's light. */
+static void another_estimator_takes_over(void **state)
+{
+    struct stage s = ring(sky_overcast(64, 32));
+    struct relight_desc light = caustics;
+    struct relight_stats stats;
+    float want[VALUES];
+    (void)state;
+
+    light.classes = PATH_ALL;
+    converge(&s, &light, want);
+    for (light.turn = 0; light.turn < PICTURES; light.turn++) {
+        light.caustics = light.turn < PICTURES / 2 ? PLAN_EYE : PLAN_STORED;
+        run(&s, &light, &stats);
+        printf("%s: %+.2f %%, relMSE %.1e\n", plan_estimator_name(stats.plan.caustics),
+               100.0 * (brightness(s.rgb) / brightness(want) - 1.0), error_of(&s, want));
+        assert_float_equal(brightness(s.rgb) / brightness(want), 1.0, 0.02);
+    }
+    stage_finish(&s);
+}
+
+/* A path that meets a sun behind glass is a speck: in live pictures it has a limit, and interreflection behind glass
+ * joins the history of the points. */
+static void paths_behind_glass_have_a_limit(void **state)
+{
+    struct stage s = ring(sun_at(20));
+    struct relight_desc light = caustics;
+    struct picture_passes passes;
+    struct relight_stats stats;
+    (void)state;
+
+    light.classes = PATH_ALL;
+    assert_int_equal(relighter_describe(s.relighter, s.sky, &light, &passes, &stats), ERR_OK);
+    assert_float_equal(passes.eye_beside.most, 3.0 * 4.0 * s.sky->total_energy / PI, 1e-6 * s.sky->total_energy);
+    assert_int_equal(passes.eye_beside.behind_classes, PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
+    assert_int_equal(passes.eye_beside.classes, 0);
+    assert_int_equal(passes.eye[0].behind_classes, PATH_INDIRECT_LIT);
+    light.remember = false;
+    assert_int_equal(relighter_describe(s.relighter, s.sky, &light, &passes, &stats), ERR_OK);
+    assert_true(!passes.beside && passes.eye_beside.paths == 0 && passes.eye[0].most == 0.0);
+    assert_int_equal(passes.eye[0].behind_classes, PATH_CAUSTICS | PATH_INDIRECT);
+    stage_finish(&s);
+}
+
+static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(the_store_grows_while_pictures_are_made),
+    cmocka_unit_test(they_are_the_light_of_other_pictures),
+    cmocka_unit_test(pictures_learn_and_forget),
+    cmocka_unit_test(another_estimator_takes_over),
+    cmocka_unit_test(paths_behind_glass_have_a_limit),
+};
+UNIT_MAIN(tests)

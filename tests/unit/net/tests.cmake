@@ -1,5 +1,0 @@
-unit_test(net test_site)
-unit_test(net test_tls_self PkgConfig::OPENSSL)
-unit_test(net test_tls PkgConfig::OPENSSL)
-unit_test(net test_visitors)
-unit_test(net test_figures)

@@ -1,0 +1,1 @@
+unit_test(year test_points m)
