@@ -151,7 +151,7 @@ check() {
     while read -r claim _; do declare -F "$claim" >"$work/log" || { echo "$claim has no function"; exit 1; }; done < <(claims)
     while read -r _ _ program names; do
         for name in ${names%%;*}; do
-            grep -q "^static void $name(" "$root/tests/unit/${program/_test_//test_}.c" || { echo "$program has no $name"; exit 1; }
+            grep -q "^static void $name(" "$root"/tests/unit/{,*/}"${program/_test_//test_}.c" 2>>"$work/log" || { echo "$program has no $name"; exit 1; }
         done
     done < <(sed -n 's/ &&$//; s/^\([a-z0-9]*()\) { unit /\1 { /p; s/^ *unit \([a-z0-9]*_test\)/x { \1/p' "$0")
 }

@@ -56,7 +56,7 @@ def misquoted(part, text):
 
 def faults(root):
     claims = claims_of((root / "docs/reproduce.sh").read_text(encoding="utf-8"))
-    pages = [*sorted((root / "docs").rglob("*.md")), *root.glob("*.md"), *root.glob("protocol/*.md"), *root.glob("server/*/README.md")]
+    pages = [*sorted((root / "docs").rglob("*.md")), *root.glob("*.md"), *root.glob("protocol/*.md"), *root.glob("server/**/README.md")]
     text = {p.stem: p.read_text(encoding="utf-8") for p in (root / "docs/internals/measured").glob("*.txt") if p.stem.split("-")[0] in claims}
     stamped = {n for n in text if STAMP.search(text[n])}
     linked, out = {}, []

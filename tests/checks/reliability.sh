@@ -3,6 +3,7 @@
 # most once, in order, and each names tests that exist, or says that it does not
 # apply; every row that is tested stands there. usage: reliability.sh ROOT
 set -euo pipefail
+shopt -s globstar
 cd "${1:-$(dirname "$0")/../..}"
 page=docs/internals/reliability.md bad=0
 
@@ -15,9 +16,9 @@ sort -nuc <<<"$rows" || { echo "$page: its rows are not in order"; bad=1; }
 exists() {
     local claim=${1##*.}
     case $1 in
-    test_*) compgen -G "tests/unit/*/$1.c" >/dev/null && return 0 ;; # in each room that has one
+    test_*) compgen -G "tests/unit/**/$1.c" >/dev/null && return 0 ;; # in each room that has one
     *.test_*.*) ;;
-    *.test_*) [ -f "tests/unit/${1%%.*}/$claim.c" ] && return 0 ;;
+    *.test_*) compgen -G "tests/unit/**/${1%%.*}/$claim.c" >/dev/null && return 0 ;;
     esac
     grep -rqE "(static void|async def|^)[[:space:]]*$claim\(" tests --include=*.c --include=*.py --include=*.sh
 }

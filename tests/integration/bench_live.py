@@ -11,7 +11,7 @@ from pathlib import Path
 
 from peer import Program, check, expect, main, run
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "server" / "bench" / "live"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "server/measure/bench/live"))
 import first_minute  # noqa: E402
 import relightd  # noqa: E402
 import viewer  # noqa: E402
