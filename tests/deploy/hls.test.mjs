@@ -50,7 +50,7 @@ describe('published by relightd', { concurrency: 2 }, () => {
         const { width, height, data } = await readback(page);
         assert.deepEqual([width, height], [160, 90]);
         assert.ok(data.some((value, i) => i % 4 < 3 && value > 100), 'a black picture');
-        assert.match(await page.textContent('#state-word'), /^Live, \d+(\.\d)? (s|ms) behind$/);
+        await page.waitForFunction(() => /^Live, \d+(\.\d)? (s|ms) behind$/.test(document.querySelector('#state-word').textContent));
         site.kill();
         const before = await page.evaluate(() => window.relight.player.newest);
         await page.waitForFunction((old) => { // a start is a leap in the numbers of segments
