@@ -1,4 +1,4 @@
-#include "year/annual_parts.h"
+#include "year/annual_internal.h"
 
 #include "base/folder.h"
 #include "base/log.h"
@@ -115,7 +115,8 @@ static enum err choose_light(struct annual *a, struct reason *why)
         l->direct.method = METHOD_CACHED;
     l->classes &= ~(uint32_t)(PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
     l->cache_background = false;
-    if (l->direct.method == METHOD_CACHED && l->direct.samples < PANE_SAMPLES && sunlight_has_panes(a->set->scene)) {
+    if (l->direct.method == METHOD_CACHED && l->direct.samples < PANE_SAMPLES &&
+        sunlight_has_thin_glass(a->set->scene)) {
         l->eye_paths = l->eye_paths ? l->eye_paths : (l->direct.samples + 7) / 8;
         l->direct.samples = PANE_SAMPLES;
     }
@@ -133,7 +134,7 @@ static enum err choose_light(struct annual *a, struct reason *why)
 
 static enum err allocate(struct annual *a, struct reason *why)
 {
-    const struct set_desc *d = &a->desc.setup.set_desc;
+    const struct prepared_scene_desc *d = &a->desc.setup.set_desc;
     const size_t pixels = (size_t)d->width * d->height, sensors = a->points.count + 1;
     struct environment_desc environment = a->desc.setup.environment;
 
@@ -183,7 +184,7 @@ static enum err set_up(struct annual *a, struct reason *why)
     if (!e && a->desc.setup.environment.scale_stops != 0.0)
         e = err_say(why, ERR_USAGE, "--annual measures in real units: remove --scale");
     if (!e)
-        e = annual_pictures_read(a, why);
+        e = annual_images_read(a, why);
     if (!e)
         e = folder_make(a->desc.folder, why);
     if (!e)
@@ -248,7 +249,7 @@ static enum err light_frame(struct annual *a, double *open_lux, struct reason *w
     return ERR_OK;
 }
 
-static double picture_mean(struct annual *a)
+static double image_mean(struct annual *a)
 {
     const size_t pixels = (size_t)a->desc.setup.set_desc.width * a->desc.setup.set_desc.height;
     double sum = 0.0;
@@ -272,7 +273,7 @@ static void fill_row(struct annual *a, const struct moment *m, double open_lux, 
         most = fmax(most, a->lux[i]);
     }
     const bool any = a->points.count > 0;
-    const double mean_cdm2 = picture_mean(a);
+    const double mean_cdm2 = image_mean(a);
     if (a->glare && glare_view_measure(a->glare, a->cdm2, &glare))
         glare = (struct glare){ .dgp = NAN, .vertical_lux = NAN };
     const double azimuth = DEGREES * atan2(-m->sun[0], m->sun[2]);
@@ -300,13 +301,13 @@ static void fill_row(struct annual *a, const struct moment *m, double open_lux, 
 static enum err run_moment(struct annual *a, size_t i, struct reason *why)
 {
     const struct moment *m = daylight_moment(a->weather, i);
-    struct annual_picture *picture = annual_picture_of(a, m);
+    struct annual_image *image = annual_image_of(a, m);
     struct ledger_row row;
     double open_lux = 0.0;
     const bool kept = i < a->resumed;
     enum err e;
 
-    if (kept && !picture)
+    if (kept && !image)
         return ERR_OK;
     daylight_render(a->weather, m, a->frame.rgb);
     a->frame.number = m->number;
@@ -320,9 +321,9 @@ static enum err run_moment(struct annual *a, size_t i, struct reason *why)
         find_sunlight(a, m);
         e = annual_order_add(a, i, &row, why);
     }
-    for (; !e && picture; picture = annual_picture_of(a, m)) { /* several requested times may give the same moment */
-        e = annual_picture_write(a, m, why);
-        picture->done = !e;
+    for (; !e && image; image = annual_image_of(a, m)) { /* several requested times may give the same moment */
+        e = annual_image_write(a, m, why);
+        image->done = !e;
     }
     return e;
 }

@@ -21,7 +21,7 @@ struct annual_desc {
     struct setup setup;   /* METHOD_AUTO: the cache. Caustics are left out: the sensors do not get them */
     const char *folder;   /* made if it is missing */
     const char *sensors;  /* of points_read; NULL: none */
-    const char *pictures; /* MM-DDTHH:MM, several with commas between; "seasons": three hours of four days; "none" */
+    const char *images; /* MM-DDTHH:MM, several with commas between; "seasons": three hours of four days; "none" */
     struct measures_desc measures;
     enum luminance_weights weights; /* of illuminances and luminances */
     bool resume;                    /* keep the rows of an earlier run with the same settings */

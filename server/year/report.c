@@ -1,4 +1,4 @@
-#include "year/annual_parts.h"
+#include "year/annual_internal.h"
 
 #include "base/log.h"
 #include "base/mem.h"
@@ -335,12 +335,12 @@ static void print_page(const struct annual *a, const struct measures_summary *m,
         text_add(t, "<h2>Sensors</h2>\n");
     for (int k = 0; k < SENSOR_MEASURES && a->points.count > 0; k++)
         print_image(t, sensor_maps[k].file, sensor_maps[k].words);
-    if (a->picture_count > 0)
+    if (a->image_count > 0)
         text_add(t, "<h2>Chosen hours</h2>\n");
-    for (int k = 0; k < a->picture_count; k++) {
-        const struct annual_picture *p = &a->pictures[k];
+    for (int k = 0; k < a->image_count; k++) {
+        const struct annual_image *p = &a->images[k];
         const int minutes = (int)lround(60.0 * p->clock);
-        annual_picture_name(p, name, sizeof(name));
+        annual_image_name(p, name, sizeof(name));
         snprintf(words, sizeof(words), "%02d-%02d, %d:%02d", p->month, p->day, minutes / 60, minutes % 60);
         snprintf(file, sizeof(file), "%s.png", name);
         print_image(t, file, words);

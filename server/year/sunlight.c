@@ -25,7 +25,7 @@ static void fill_directions(const double sun[3], struct ray16 *ray)
     }
 }
 
-bool sunlight_has_panes(const struct scene *s)
+bool sunlight_has_thin_glass(const struct scene *s)
 {
     for (size_t k = 0; k < s->material_count; k++)
         if (s->materials[k].thin || s->materials[k].alpha_mode == ALPHA_BLEND)
@@ -97,7 +97,7 @@ static double seen(const struct rays *rays, const struct ray16 *directions, cons
 void sunlight_lux(const struct scene *scene, const struct rays *rays, const struct sensor *sensors, size_t count,
                   const double sun[3], double normal_lux, float *lux)
 {
-    const bool panes = sunlight_has_panes(scene);
+    const bool thin_glass = sunlight_has_thin_glass(scene);
     struct ray16 directions;
 
     fill_directions(sun, &directions);
@@ -109,7 +109,7 @@ void sunlight_lux(const struct scene *scene, const struct rays *rays, const stru
         if (!(normal_lux > 0.0 && sun[1] > 0.0 && cosine > 0.0))
             continue;
         double share = seen(rays, &directions, &sensors[i]);
-        if (panes)
+        if (thin_glass)
             share = seen_through(scene, rays, &directions, &sensors[i], share);
         lux[i] = (float)(normal_lux * cosine * share);
     }

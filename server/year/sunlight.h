@@ -10,7 +10,7 @@
 #include <stddef.h>
 
 /* Whether rays pass surfaces at random: through thin glass and fractional coverage. */
-bool sunlight_has_panes(const struct scene *s);
+bool sunlight_has_thin_glass(const struct scene *s);
 
 /* sun: unit, towards its centre. normal_lux: its illuminance at normal incidence. lux: [count]. */
 void sunlight_lux(const struct scene *scene, const struct rays *rays, const struct sensor *sensors, size_t count,

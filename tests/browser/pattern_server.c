@@ -1,6 +1,6 @@
 /* Publishes a moving pattern whose every pixel is known, to verify a browser's canvas without rendering. Commands on
- * standard input: "go", "stop" (pictures), "state waiting|live|paused|ended", "fail REASON", "size WxH", "passes N"
- * (of a still picture; 0: none), "done" (converged), "dump FILE" (the last picture as drawn, then as decoded by
+ * standard input: "go", "stop" (images), "state waiting|live|paused|ended", "fail REASON", "size WxH", "passes N"
+ * (of a still image; 0: none), "done" (converged), "dump FILE" (the last image as drawn, then as decoded by
  * libjpeg-turbo, both RGB); it exits on "quit", end of input, SIGTERM or SIGINT. */
 #include "base/clock.h"
 #include "base/log.h"
@@ -72,11 +72,11 @@ static void draw(struct pattern *p)
 
 static int publish_bytes(struct pattern *p, const struct protocol_picture *header, const uint8_t *bytes, size_t size)
 {
-    struct picture *picture = picture_create(header, bytes, size);
+    struct sent_image *image = image_create(header, bytes, size);
 
-    if (!picture)
+    if (!image)
         return -1;
-    server_publish(p->server, picture);
+    server_publish(p->server, image);
     return 0;
 }
 
@@ -194,7 +194,7 @@ static int resize(struct pattern *p, uint32_t width, uint32_t height)
     p->decoded = mem_alloc((size_t)width * height, 3);
     p->width = width;
     p->height = height;
-    p->last.width = 0; /* there is no picture of this size yet */
+    p->last.width = 0; /* there is no image of this size yet */
     return p->rgb && p->decoded ? 0 : -1;
 }
 
@@ -231,7 +231,7 @@ static void obey(struct pattern *p, char *line)
     tell(p);
 }
 
-/* Reads commands from standard input until the next picture is due. */
+/* Reads commands from standard input until the next image is due. */
 static void attend(struct pattern *p, double until)
 {
     char line[256];
@@ -245,7 +245,7 @@ static void attend(struct pattern *p, double until)
             else
                 obey(p, line);
         } else if (left <= 0.0) {
-            return; /* not before all commands are read, even where every picture is late */
+            return; /* not before all commands are read, even where every image is late */
         }
     }
 }
@@ -285,7 +285,7 @@ static const struct setting rows[] = {
     { "size", "WxH", "their size", "320x180", ALL, .type = SETTING_SIZE, AT(size) },
     { "quality", "Q", "of the JPEG", "95", ALL, WHOLE(1, 100), AT(quality) },
     { "quiet", NULL, "publishes nothing until told to", NULL, ALL, SWITCH, AT(quiet) },
-    { "rough", NULL, "a picture with grain", NULL, ALL, SWITCH, AT(rough) },
+    { "rough", NULL, "an image with grain", NULL, ALL, SWITCH, AT(rough) },
     { "h264", NULL, "offers H.264 too, where it is built in", NULL, ALL, SWITCH, AT(h264) },
     { .name = NULL },
 };

@@ -90,7 +90,7 @@ static void begin(struct viewer *v, uint16_t port)
     fcntl(v->fd, F_SETFL, O_NONBLOCK);
 }
 
-/* Parses a complete message head: for HTTP up to its empty line, for a frame including 16 bytes of a picture. Returns
+/* Parses a complete message head: for HTTP up to its empty line, for a frame including 16 bytes of an image. Returns
  * its length and the length of the rest; 0: incomplete. */
 static size_t http_head(const struct viewer *v, uint64_t *follows)
 {

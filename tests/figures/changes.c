@@ -1,4 +1,4 @@
-/* What a picture of --method cached costs of which only a part of the sky has changed, relative to the same picture
+/* What an image of --method cached costs of which only a part of the sky has changed, relative to the same image
  * computed whole: processor time of one thread for lighting and resolving, in turns, and medians. Both must have the
  * same bits. */
 #include "figure.h"
@@ -23,7 +23,7 @@ struct flags {
 static const struct setting rows[] = {
     { "scene", "FILE", "scene; without it the built-in one", NULL, ALL, TEXT, AT(scene) },
     { "sky", "S", "source of the sky, its first frame is used", "sky:", ALL, TEXT, AT(sky) },
-    { "size", "WxH", "of the pictures, in pixels", "640x360", ALL, .type = SETTING_SIZE, AT(size) },
+    { "size", "WxH", "of the images, in pixels", "640x360", ALL, .type = SETTING_SIZE, AT(size) },
     { "turns", "N", "pictures of each kind, 1 to 99", "9", ALL, WHOLE(1, TURNS_MAX), AT(turns) },
     { "samples", "N", "of direct light", "64", ALL, WHOLE(1, 4096), AT(samples) },
     { "share", "S", "of the sphere that changes, 0.001 to 0.5", "0.1", ALL, REAL(0.001, 0.5), AT(share) },
@@ -49,8 +49,8 @@ static void change(struct frame *f, const struct flags *o)
 }
 
 struct changes {
-    struct set *set;
-    struct relighter *relighter[2]; /* of the changes, and of whole pictures */
+    struct prepared_scene *set;
+    struct relighter *relighter[2]; /* of the changes, and of whole images */
     struct environment *sky[3];     /* and one that has nothing in common with them */
     float *rgb[2];
     size_t bytes;
@@ -58,7 +58,7 @@ struct changes {
 
 static void set_up(struct changes *s, const struct flags *o)
 {
-    struct set_desc desc = { .scene = o->scene, .width = o->size[0], .height = o->size[1] };
+    struct prepared_scene_desc desc = { .scene = o->scene, .width = o->size[0], .height = o->size[1] };
     struct frame frame = figure_frame(o->sky);
     struct reason why = { "" };
 
@@ -82,8 +82,8 @@ static void set_up(struct changes *s, const struct flags *o)
     figure_must(s->rgb[0] && s->rgb[1] && s->relighter[0] && s->relighter[1] ? ERR_OK : ERR_NOMEM, &why);
 }
 
-/* The picture of a sky by one of the relighters: milliseconds. */
-static double picture(struct changes *s, const struct relight_desc *light, int by, int k, float *rgb,
+/* The image of a sky by one of the relighters: milliseconds. */
+static double image(struct changes *s, const struct relight_desc *light, int by, int k, float *rgb,
                       struct relight_stats *stats)
 {
     const double begun = 1e3 * figure_cpu_s();
@@ -103,11 +103,11 @@ static bool compare(struct changes *s, const struct flags *o, uint32_t classes, 
     bool same = true;
 
     for (int k = 0; k < 4; k++)
-        picture(s, &light, 0, k % 2, s->rgb[0], &stats);
+        image(s, &light, 0, k % 2, s->rgb[0], &stats);
     for (uint32_t k = 0; k < o->turns; k++) {
-        part[k] = picture(s, &light, 0, (int)(k % 2), s->rgb[0], &stats);
-        picture(s, &light, 1, 2, s->rgb[1], &stats);
-        whole[k] = picture(s, &light, 1, (int)(k % 2), s->rgb[1], &stats);
+        part[k] = image(s, &light, 0, (int)(k % 2), s->rgb[0], &stats);
+        image(s, &light, 1, 2, s->rgb[1], &stats);
+        whole[k] = image(s, &light, 1, (int)(k % 2), s->rgb[1], &stats);
         if (stats.cache_frame.lit < stats.cache.packets)
             exit(1);
         same = same && memcmp(s->rgb[0], s->rgb[1], s->bytes) == 0;
@@ -123,7 +123,7 @@ int main(int argc, char **argv)
     struct command command = {
         .name = "changes",
         .synopsis = "[flags]",
-        .about = "Processor time of a cached picture of which a part of the sky has changed, and of the whole picture.",
+        .about = "Processor time of a cached image of which a part of the sky has changed, and of the whole image.",
         .lists = { { rows, &flags } },
     };
     struct changes s = { 0 };

@@ -1,9 +1,9 @@
 /* [DH09, Fig. 5] again: how far each technique's caustics are from the truth after equal time. Each gets the samples
  * that it can take in the same CPU time; runs are interleaved, one seed each, so that a noisy machine does not decide.
  *
- * Two figures stand for each: the median over the runs, which is what one picture mostly shows, and the mean, which is
+ * Two figures stand for each: the median over the runs, which is what one image mostly shows, and the mean, which is
  * the relMSE that the estimator has by definition. Where a technique meets the sun by accident the two differ: few
- * pictures have nearly all of the error, in single pixels of enormous value. Error x time is the figure that does not
+ * images have nearly all of the error, in single pixels of enormous value. Error x time is the figure that does not
  * depend on the time taken, as long as error falls with its inverse: for the means. */
 #include "figure.h"
 
@@ -45,7 +45,7 @@ struct flags {
 static const struct setting rows[] = {
     { "scene", "FILE", "scene with mirrors or glass", RING, ALL, TEXT, AT(scene) },
     { "sky", "S", "source of the light, its first frame is used", "sky:sun_ratio=1000", ALL, TEXT, AT(sky) },
-    { "size", "WxH", "of the pictures, in pixels", "320x180", ALL, .type = SETTING_SIZE, AT(size) },
+    { "size", "WxH", "of the images, in pixels", "320x180", ALL, .type = SETTING_SIZE, AT(size) },
     { "runs", "N", "interleaved runs, 1 to 99", "9", ALL, WHOLE(1, RUNS_MAX), AT(runs) },
     { "seconds", "T", "CPU time of each technique in a run, 0.01 to 1000", "4", ALL, REAL(0.01, 1000.0), AT(seconds) },
     { "samples", "N", "of each technique in a run, for a second row as in the figure; 0: none", "0", ALL,

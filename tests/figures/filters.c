@@ -3,9 +3,9 @@
  *
  *     filters WxH SCENE|builtin SOURCE TRUTH SEEDS
  *
- * TRUTH is a file that first_pictures wrote for the same picture. For 1, 4 and 16 eye paths of both halves together,
+ * TRUTH is a file that first_images wrote for the same image. For 1, 4 and 16 eye paths of both halves together,
  * and four times as many light samples: processor seconds of the halves and of each filter, relMSE and FLIP. Light
- * paths are left out of pictures and must not matter to the truth. */
+ * paths are left out of images and must not matter to the truth. */
 #include "base/mem.h"
 #include "light/denoise/filter.h"
 #include "light/frame/relight.h"
@@ -25,7 +25,7 @@
 #define LEAST 0.02f /* reflectance */
 
 struct rig {
-    struct set *set;
+    struct prepared_scene *set;
     struct environment *sky;
     const struct kernels *kernels;
     struct reason why;
@@ -168,7 +168,7 @@ static void non_local_means(struct rig *r)
                                         (r->out[0][c][p] / r->weight[0][p] + r->out[1][c][p] / r->weight[1][p]);
 }
 
-/* ---- Pictures ---- */
+/* ---- Images ---- */
 
 static void choose_points(struct rig *r)
 {
@@ -263,7 +263,7 @@ static bool load_truth(struct rig *r, const char *path)
 
 static enum err make(struct rig *r, char **argv)
 {
-    struct set_desc set = { .scene = strcmp(argv[2], "builtin") ? argv[2] : NULL };
+    struct prepared_scene_desc set = { .scene = strcmp(argv[2], "builtin") ? argv[2] : NULL };
     const struct source_desc source = { .spec = argv[3] };
     struct frame frame = { 0 };
     enum err e = kernels_select(NULL, &r->kernels, &r->why);

@@ -1,7 +1,7 @@
 /* What images state of their error (light/audit/audit.h), and what it is: the first live images, before a cache exists,
  * images with fixed counts, and images by the cache, single and live.
  *
- *     first_pictures WxH SCENE|builtin SOURCE FIRST-LAST PICTURES PASSES [TRUTH|- [BEFORE]]
+ *     first_images WxH SCENE|builtin SOURCE FIRST-LAST PICTURES PASSES [TRUTH|- [BEFORE]]
  *
  * One row per image and seed of FIRST to LAST: how it was made, relMSE, what is stated, its ratio to the true one, and
  * that of the stated upper bound. PICTURES live ones; then those of `kinds`; then CACHED live ones by the finished
@@ -20,21 +20,21 @@
 #include <string.h>
 
 #define BEFORE 4
-#define CACHED 64     /* live pictures by the cache; */
+#define CACHED 64     /* live images by the cache; */
 #define SHOWN 8       /* each so manieth has a row, after the first four */
 #define BREATHS 3     /* brightnesses of their sky */
-#define AUDIT 0.05    /* the server's share of a picture's rays */
+#define AUDIT 0.05    /* the server's share of an image's rays */
 #define AUDIT_OWN 1.0 /* that of the others: small images need more of it than large ones */
 
 struct rig {
-    struct set *set;
+    struct prepared_scene *set;
     struct environment *sky, *before; /* before: NULL: none */
     struct environment *breath[BREATHS];
     double gain[BREATHS];
     const struct kernels *kernels;
     struct reason why;
     size_t values;
-    float *half[2], *rgb; /* the truth, independently twice; a picture */
+    float *half[2], *rgb; /* the truth, independently twice; an image */
     uint8_t *mask;        /* [height][width]: pixels that see a surface */
     struct frame frame;   /* of `sky` */
 };
@@ -153,7 +153,7 @@ static void print_row(const struct rig *r, uint64_t seed, const char *kind, cons
     fflush(stdout);
 }
 
-static enum err run_live(struct rig *r, uint64_t seed, int pictures)
+static enum err run_live(struct rig *r, uint64_t seed, int images)
 {
     struct relighter *relighter = relighter_create(r->set, r->kernels);
     struct relight_stats stats;
@@ -163,7 +163,7 @@ static enum err run_live(struct rig *r, uint64_t seed, int pictures)
         struct relight_desc light = live(seed + 1000, k == 0);
         e = relighter_run(relighter, r->before, &light, r->rgb, &stats);
     }
-    for (int k = 0; k < pictures && !e; k++) {
+    for (int k = 0; k < images && !e; k++) {
         struct relight_desc light = live(seed, k == 0 && !r->before);
         char kind[32];
         light.direct.why = &r->why;
@@ -225,13 +225,13 @@ static enum err run_cached(struct rig *r, uint64_t seed)
     return e;
 }
 
-static enum err run_seeds(struct rig *r, uint64_t first, uint64_t last, int pictures)
+static enum err run_seeds(struct rig *r, uint64_t first, uint64_t last, int images)
 {
     struct relighter *relighter = relighter_create(r->set, r->kernels);
     enum err e = relighter ? ERR_OK : ERR_NOMEM;
 
     for (uint64_t seed = first; seed <= last && !e; seed++) {
-        e = run_live(r, seed, pictures);
+        e = run_live(r, seed, images);
         if (!e)
             e = run_kinds(r, relighter, seed);
         if (!e)
@@ -261,7 +261,7 @@ static enum err make_sky(struct rig *r, const char *spec, double gain, struct en
 
 static enum err make(struct rig *r, char **argv)
 {
-    struct set_desc set = { .scene = strcmp(argv[2], "builtin") ? argv[2] : NULL };
+    struct prepared_scene_desc set = { .scene = strcmp(argv[2], "builtin") ? argv[2] : NULL };
     enum err e = kernels_select(NULL, &r->kernels, &r->why);
 
     if (sscanf(argv[1], "%ux%u", &set.width, &set.height) != 2)

@@ -1,14 +1,14 @@
-/* What it would cost to correct the cached picture by random samples so that it is unbiased in the mean. At a point, a
+/* What it would cost to correct the cached image by random samples so that it is unbiased in the mean. At a point, a
  * cell c is drawn with a probability p(c) by its light, and a direction within it; the correction of one sample is (f
  * cos V L(w) / density  -  T(p, c) L(c)) / p(c), the traced light less what the cache holds of the same cell: a control
  * variate, whose mean is the cache's bias. Prints its variance beside that of tracing without a cache, and the bias
- * that it removes, all relative as relMSE is, over the matte points of a scene whose sky has no bright part. */
+ * that it removes, all relative as relMSE is, over the matte points of a scene whose sky has no sun. */
 #include "figure.h"
 
 #include "base/mem.h"
 #include "base/rng.h"
 #include "base/vec.h"
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 #include "light/frame/relight.h"
 #include "sky/tables/cube.h"
 
@@ -23,13 +23,13 @@ struct flags {
 static const struct setting rows[] = {
     { "scene", "FILE", "scene; without it the built-in one", NULL, ALL, TEXT, AT(scene) },
     { "sky", "S", "source of the sky, its first frame is used", "cie:1", ALL, TEXT, AT(sky) },
-    { "size", "WxH", "of the picture, in pixels", "64x36", ALL, .type = SETTING_SIZE, AT(size) },
+    { "size", "WxH", "of the image, in pixels", "64x36", ALL, .type = SETTING_SIZE, AT(size) },
     { "samples", "N", "of each point", "2048", ALL, WHOLE(2, 1000000), AT(samples) },
     { .name = NULL },
 };
 
 struct study {
-    struct set *set;
+    struct prepared_scene *set;
     struct environment *sky;
     struct transport *transport;
     double chance[SKY_CELLS], cdf[SKY_CELLS]; /* p(c) */
@@ -178,7 +178,7 @@ static void study_block(struct study *s, const struct transport_block *b, uint32
 
 static void set_up(struct study *s, const struct flags *o)
 {
-    struct set_desc desc = { .scene = o->scene, .width = o->size[0], .height = o->size[1] };
+    struct prepared_scene_desc desc = { .scene = o->scene, .width = o->size[0], .height = o->size[1] };
     const struct transport_desc cache = { .max_bytes = (uint64_t)1 << 30 };
     struct frame frame = figure_frame(o->sky);
     struct reason why = { "" };
@@ -189,8 +189,8 @@ static void set_up(struct study *s, const struct flags *o)
     figure_must(set_create(&desc, &s->set, &why), &why);
     figure_must(transport_create(s->set->gbuffer, s->set->rays, desc.kernels, &cache, &s->transport, &why), &why);
     figure_must(sky_split_take(&s->transport->sky, s->sky), &why);
-    if (s->transport->sky.bright_count)
-        figure_must(err_say(&why, ERR_USAGE, "%s has a bright part: take another sky", o->sky), &why);
+    if (s->transport->sky.sun_count)
+        figure_must(err_say(&why, ERR_USAGE, "%s has a sun: take another sky", o->sky), &why);
     s->held = mem_alloc(SKY_CELLS, sizeof(*s->held));
     figure_must(s->held ? ERR_OK : ERR_NOMEM, &why);
 }

@@ -1,4 +1,4 @@
-/* Server messages as the command-line clients parse them: a picture header, or a text message with its fields. The
+/* Server messages as the command-line clients parse them: an image header, or a text message with its fields. The
  * first byte selects which. */
 #include "harness.h"
 

@@ -23,7 +23,7 @@ struct values {
 #define AT(field) SETTING_AT(values, field)
 
 static const struct setting rows[] = {
-    { "size", "WxH", "the picture's size", "640x360", IN, .type = SETTING_SIZE, AT(size) },
+    { "size", "WxH", "the image's size", "640x360", IN, .type = SETTING_SIZE, AT(size) },
     { "samples", "N", "how many", "64", IN, WHOLE(1, 4096), AT(samples) },
     { "gain", "X", "a factor", "1", IN, REAL(-1e3, 1e3), AT(gain) },
     { "frames", "A-B", "which", NULL, IN, .type = SETTING_FRAMES, AT(frames) },

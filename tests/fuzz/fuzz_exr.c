@@ -6,10 +6,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
     struct image im = { 0 };
     struct reason why = { "" };
-    const enum err e = decode_exr(bytes, size, PICTURE_NAME, &im, &why);
+    const enum err e = decode_exr(bytes, size, IMAGE_NAME, &im, &why);
 
-    picture_check(e, &im, &why);
-    picture_check_again(decode_exr, bytes, size, e, &im);
+    image_check(e, &im, &why);
+    image_check_again(decode_exr, bytes, size, e, &im);
     image_finish(&im);
     return 0;
 }

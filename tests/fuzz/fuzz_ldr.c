@@ -1,4 +1,4 @@
-/* JPEG and PNG pictures are decoded to texels from 0 to 1, or refused with a reason. */
+/* JPEG and PNG images are decoded to texels from 0 to 1, or refused with a reason. */
 #include "harness.h"
 
 #include "image/codec/decode.h"

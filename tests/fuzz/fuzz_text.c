@@ -59,10 +59,10 @@ static void check_message(const struct message *m)
     case MESSAGE_END: break;
     case MESSAGE_CONTROL: check_control(&m->control); break;
     case MESSAGE_PROBE:
-        require(m->probe.question.x < PROTOCOL_SIDE_MAX && m->probe.question.y < PROTOCOL_SIDE_MAX, "pixel");
-        require(m->probe.question.samples <= MESSAGE_PROBE_SAMPLES_MAX, "samples");
-        require(m->probe.question.request <= PROTOCOL_NUMBER_MAX, "request");
-        require(m->probe.asks || (m->probe.has_follow && !m->probe.follow), "nothing is asked");
+        require(m->inspection.question.x < PROTOCOL_SIDE_MAX && m->inspection.question.y < PROTOCOL_SIDE_MAX, "pixel");
+        require(m->inspection.question.samples <= MESSAGE_PROBE_SAMPLES_MAX, "samples");
+        require(m->inspection.question.request <= PROTOCOL_NUMBER_MAX, "request");
+        require(m->inspection.asks || (m->inspection.has_follow && !m->inspection.follow), "nothing is asked");
         break;
     default: require(0, "a known message");
     }

@@ -21,7 +21,7 @@ static void check_picture(struct stream *s, struct wire_request *q, struct image
     q->size = 0;
     const enum err e = stream_work(s, q, NULL, im, &a);
     require(!e || a.why.text[0], "a refusal has a reason");
-    require(e || (im->width <= SIDE && im->height <= SIDE), "a picture within the limit");
+    require(e || (im->width <= SIDE && im->height <= SIDE), "an image within the limit");
     for (size_t i = 0; !e && i < 3 * (size_t)im->width * im->height; i++)
         require(isfinite(im->rgb[i]), "finite texels");
 }

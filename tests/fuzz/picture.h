@@ -7,9 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define PICTURE_NAME "picture"
+#define IMAGE_NAME "picture"
 
-static inline void picture_require(int holds, const char *what)
+static inline void image_require(int holds, const char *what)
 {
     if (holds)
         return;
@@ -18,24 +18,24 @@ static inline void picture_require(int holds, const char *what)
 }
 
 /* Decoded: every texel exists, finite and not negative. Refused: with one line that begins with the name. */
-static inline void picture_check(enum err e, const struct image *im, const struct reason *why)
+static inline void image_check(enum err e, const struct image *im, const struct reason *why)
 {
     if (e) {
-        picture_require(strncmp(why->text, PICTURE_NAME ": ", sizeof(PICTURE_NAME) + 1) == 0, "a reason has the name");
+        image_require(strncmp(why->text, IMAGE_NAME ": ", sizeof(IMAGE_NAME) + 1) == 0, "a reason has the name");
         for (const char *s = why->text; *s; s++)
-            picture_require(*s >= 0x20 && *s < 0x7f, "a reason is one plain line");
+            image_require(*s >= 0x20 && *s < 0x7f, "a reason is one plain line");
         return;
     }
-    picture_require(im->width >= 1 && im->width <= IMAGE_MAX_SIDE, "width");
-    picture_require(im->height >= 1 && im->height <= IMAGE_MAX_SIDE, "height");
+    image_require(im->width >= 1 && im->width <= IMAGE_MAX_SIDE, "width");
+    image_require(im->height >= 1 && im->height <= IMAGE_MAX_SIDE, "height");
     const size_t count = (size_t)im->width * im->height * 3;
-    picture_require(im->capacity >= count, "capacity");
+    image_require(im->capacity >= count, "capacity");
     for (size_t i = 0; i < count; i++)
-        picture_require(im->rgb[i] >= 0.0f && im->rgb[i] <= IMAGE_MAX, "a value lies in 0..IMAGE_MAX");
+        image_require(im->rgb[i] >= 0.0f && im->rgb[i] <= IMAGE_MAX, "a value lies in 0..IMAGE_MAX");
 }
 
 /* Decodes the same bytes again into the used memory: the same result and values. */
-static inline void picture_check_again(enum err (*decode)(const uint8_t *, size_t, const char *, struct image *,
+static inline void image_check_again(enum err (*decode)(const uint8_t *, size_t, const char *, struct image *,
                                                           struct reason *),
                                        const uint8_t *bytes, size_t size, enum err e, struct image *im)
 {
@@ -43,10 +43,10 @@ static inline void picture_check_again(enum err (*decode)(const uint8_t *, size_
     float *first = malloc(count * sizeof(float) + 1);
     struct reason why = { "" };
 
-    picture_require(first != NULL, "the fuzzer's own memory");
+    image_require(first != NULL, "the fuzzer's own memory");
     if (count)
         memcpy(first, im->rgb, count * sizeof(float));
-    picture_require(decode(bytes, size, PICTURE_NAME, im, &why) == e, "the same end the second time");
-    picture_require(count == 0 || memcmp(first, im->rgb, count * sizeof(float)) == 0, "the same values");
+    image_require(decode(bytes, size, IMAGE_NAME, im, &why) == e, "the same end the second time");
+    image_require(count == 0 || memcmp(first, im->rgb, count * sizeof(float)) == 0, "the same values");
     free(first);
 }

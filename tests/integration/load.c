@@ -1,5 +1,5 @@
 /* relightd under load: one producer at up to 30 frames per second and 50 viewers, ten of which read a tenth of the
- * pictures. One single-threaded program plays all of them over plain sockets, and observes relightd from outside. No
+ * images. One single-threaded program plays all of them over plain sockets, and observes relightd from outside. No
  * times are asserted: the next frame is sent when all viewers that keep up have received the last, and not before a
  * thirtieth of a second. usage: load (RELIGHT_BIN names the folder of relightd) */
 #define CLIENT_MESSAGE_MAX ((size_t)1 << 20)
@@ -12,10 +12,10 @@
 enum {
     VIEWERS = 50,
     SLOW = 10,  /* of these */
-    TENTH = 10, /* share of the pictures that a slow viewer reads */
+    TENTH = 10, /* share of the images that a slow viewer reads */
     WARM = 30,  /* frames: the first second */
     FRAMES = 180,
-    GROWTH_KIB = 6144, /* allowed to relightd after the first second; its pictures alone would be more */
+    GROWTH_KIB = 6144, /* allowed to relightd after the first second; its images alone would be more */
     SLOT_KIB = 1024,   /* more than this at once: a pipeline slot is used for the first time, */
     SLOTS = 4,         /* which happens when a frame arrives while another is shaded, and no more often than this */
     WIDTH = 64,
@@ -96,20 +96,20 @@ static long daemon_kib(const struct daemon *d)
     return kib;
 }
 
-/* The number of pictures that relightd has encoded and published. */
-static uint64_t daemon_pictures(const struct daemon *d)
+/* The number of images that relightd has encoded and published. */
+static uint64_t daemon_images(const struct daemon *d)
 {
     struct client c;
-    unsigned long long pictures = 0;
+    unsigned long long images = 0;
 
     client_open_port(&c, d->port);
     static const char request[] = "GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
     client_write(&c, request, sizeof(request) - 1);
     const char *at = strstr(client_rest(&c), "\"pictures\":");
     assert_non_null(at);
-    assert_int_equal(sscanf(at, "\"pictures\":%llu", &pictures), 1);
+    assert_int_equal(sscanf(at, "\"pictures\":%llu", &images), 1);
     client_shut(&c);
-    return pictures;
+    return images;
 }
 
 static void greet(struct client *c, const struct daemon *d, const char *role)
@@ -144,7 +144,7 @@ static void send_frame(struct client *c, uint64_t number)
     client_frame(c, OP_BINARY, true, bytes, sizeof(bytes));
 }
 
-/* Reads until a picture of this frame or a later one; acknowledges each. */
+/* Reads until an image of this frame or a later one; acknowledges each. */
 static void watch_until(struct watcher *w, uint64_t frame)
 {
     struct protocol_picture h = { 0 };
@@ -152,7 +152,7 @@ static void watch_until(struct watcher *w, uint64_t frame)
     while (h.frame < frame) {
         const uint64_t sequence = client_picture(&w->c, &h, CLIENT_WAIT_MS);
         if (!sequence)
-            fail_msg("the picture of frame %llu did not come; closed with %d", (unsigned long long)frame,
+            fail_msg("the image of frame %llu did not come; closed with %d", (unsigned long long)frame,
                      w->c.close_code);
         assert_true(sequence > w->last);
         w->gaps += w->last ? sequence - w->last - 1 : 0;
@@ -218,7 +218,7 @@ static void play(struct daemon *d, struct client *producer, struct watcher *watc
 #endif
 }
 
-static void fifty_viewers_get_every_picture_though_ten_of_them_are_slow(void **state)
+static void fifty_viewers_get_every_image_though_ten_of_them_are_slow(void **state)
 {
     (void)state;
     static struct watcher watchers[VIEWERS];
@@ -241,14 +241,14 @@ static void fifty_viewers_get_every_picture_though_ten_of_them_are_slow(void **s
             assert_int_equal(w->got, FRAMES / TENTH);
         client_shut(&watchers[i].c);
     }
-    const uint64_t pictures = daemon_pictures(&d);
-    printf("%d viewers, %d of them slow; %llu pictures encoded\n", VIEWERS, SLOW, (unsigned long long)pictures);
-    assert_int_equal(pictures, FRAMES); /* each once, however many viewers */
+    const uint64_t images = daemon_images(&d);
+    printf("%d viewers, %d of them slow; %llu images encoded\n", VIEWERS, SLOW, (unsigned long long)images);
+    assert_int_equal(images, FRAMES); /* each once, however many viewers */
     client_shut(&producer);
     daemon_stop(&d);
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(fifty_viewers_get_every_picture_though_ten_of_them_are_slow),
+    cmocka_unit_test(fifty_viewers_get_every_image_though_ten_of_them_are_slow),
 };
 UNIT_MAIN(tests)

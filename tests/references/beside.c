@@ -1,4 +1,4 @@
-/* beside LEFT.exr RIGHT.exr OUT.jpg: two pictures of one size side by side, under one exposure. */
+/* beside LEFT.exr RIGHT.exr OUT.jpg: two images of one size side by side, under one exposure. */
 #include "base/mem.h"
 #include "image/codec/decode.h"
 #include "image/output/output.h"

@@ -129,7 +129,7 @@ static void light_sampling_fails_on_a_near_mirror(void **state)
         const struct failing faces = measure(&g, e, named("faces"), 0.0);
         snprintf(name, sizeof(name), "%s, by light alone", lobes[k].name);
         fails_above(name, "by light alone (9)", "error at N_s = 64", best.value, lobes[k].least, best.where);
-        snprintf(name, sizeof(name), "%s: two pictures hide it", lobes[k].name);
+        snprintf(name, sizeof(name), "%s: two images hide it", lobes[k].name);
         holds_below(name, "faces", "error told by their difference over the true one", faces.told / faces.error, 0.5,
                     "");
         snprintf(name, sizeof(name), "%s, by lobes too", lobes[k].name);
@@ -170,7 +170,7 @@ static void sampling_without_the_light_fails_under_a_small_sun(void **state)
     assert_int_equal(sky_table_build(&t, e, &desc), ERR_OK);
     fails_above("small sun, without a look at the light", "uniform, brdf", "error at N_s = 64", best.value, 0.5,
                 best.where);
-    holds_below("small sun: two pictures hide it", "uniform, brdf", "error told by their difference over the true one",
+    holds_below("small sun: two images hide it", "uniform, brdf", "error told by their difference over the true one",
                 told.value, 0.2, told.where);
     shows_above("small sun: the sky's table shows it", "sky_table", "the sun's part of the light",
                 t.has_sun ? t.sun_energy / e->total_energy : 0.0, 0.1, "a tenth is asked for");
@@ -222,7 +222,7 @@ enum yard_view { FROM_ABOVE, IN_A_MIRROR, THROUGH_THE_LOOKING_GLASS };
 
 /* A floor, a mirror that reflects the sun onto it, and a second one across that shows it; or instead of the second
  * the eye's mirror image behind it. From above no mirror is visible. */
-static struct set *yard(enum yard_view view)
+static struct prepared_scene *yard(enum yard_view view)
 {
     static const struct camera cameras[] = {
         { "above", { -0.3f, 3.0f, 0 }, { -0.3f, 0, 0 }, { 0, 0, -1 }, 0.3f },
@@ -251,13 +251,13 @@ static struct environment *sun_and_sky(float sun, float sky)
 /* Images of caustics alone. */
 struct gathered {
     struct tally pixel[PIXELS], whole; /* luminance */
-    double rays;                       /* a picture */
+    double rays;                       /* an image */
     uint64_t dark, lit;                /* pixels with less than half of their light, pixels with light */
     struct plan plan;
 };
 
-static void gather(struct set *set, const struct environment *e, const struct relight_desc *desc, uint32_t seeds,
-                   struct gathered *out)
+static void gather(struct prepared_scene *set, const struct environment *e, const struct relight_desc *desc,
+                   uint32_t seeds, struct gathered *out)
 {
     static float rgb[PIXELS * 3];
     struct relighter *r = relighter_create(set, best_kernels());
@@ -271,7 +271,7 @@ static void gather(struct set *set, const struct environment *e, const struct re
     for (uint32_t k = 0; k < seeds; k++) {
         double sum = 0.0;
         by.direct.seed = k;
-        const struct relight_stats s = picture_of(r, e, &by, rgb);
+        const struct relight_stats s = image_of(r, e, &by, rgb);
         out->plan = s.plan;
         out->rays += (double)(s.eye.rays + s.light.rays + s.reference_rays) / seeds;
         for (uint32_t i = 0; i < PIXELS; i++) {
@@ -315,7 +315,7 @@ static void eye_paths_fail_on_a_suns_caustic(void **state)
     const uint32_t seeds = full() ? 256 : 32;
     char where[64];
     (void)state;
-    struct set *set = yard(FROM_ABOVE);
+    struct prepared_scene *set = yard(FROM_ABOVE);
     struct environment *e = sun_and_sky(1e4f, 0.02f);
     gather(set, e, &(struct relight_desc){ .caustics = PLAN_LIGHT, .particles = 200000 }, 8, &truth);
     gather(set, e, &by_light, seeds, &light);
@@ -324,8 +324,8 @@ static void eye_paths_fail_on_a_suns_caustic(void **state)
     const double failed = error_of(&eye, &truth), held = error_of(&light, &truth);
     snprintf(where, sizeof(where), "%.0f rays", eye.rays);
     fails_above("a sun's caustic, by eye paths", "eye paths", "relMSE of a picture", failed, 10.0, where);
-    fails_above("a sun's caustic: 32 pictures have not found it", "eye paths", "share of its pixels that lack half",
-                (double)eye.dark / (double)eye.lit, 0.5, "so that pictures agree, and all are wrong");
+    fails_above("a sun's caustic: 32 images have not found it", "eye paths", "share of its pixels that lack half",
+                (double)eye.dark / (double)eye.lit, 0.5, "so that images agree, and all are wrong");
     snprintf(where, sizeof(where), "%.0f rays", light.rays);
     holds_below("a sun's caustic, by light paths", "light tracer", "relMSE of a picture", held, 0.5, where);
     shows_above("a sun's caustic: the plan's facts show it", "plan", "peakedness", facts_peakedness(e), 5.0,
@@ -345,7 +345,7 @@ static void the_light_tracer_is_wasted_on_an_even_sky(void **state)
     const uint32_t seeds = full() ? 256 : 32;
     char where[64];
     (void)state;
-    struct set *set = yard(FROM_ABOVE);
+    struct prepared_scene *set = yard(FROM_ABOVE);
     struct environment *e = sky_environment(sky_overcast(64, 32), 32, 0.0);
     gather(set, e, &(struct relight_desc){ .caustics = PLAN_EYE, .eye_paths = 4096 }, 4, &truth);
     gather(set, e, &(struct relight_desc){ .caustics = PLAN_EYE, .eye_paths = 64 }, seeds, &eye);
@@ -379,7 +379,7 @@ static void everything_fails_on_a_caustic_seen_in_a_mirror(void **state)
     struct worst best = { 0.0, "" };
     const uint32_t seeds = full() ? 128 : 16;
     (void)state;
-    struct set *image = yard(THROUGH_THE_LOOKING_GLASS), *set = yard(IN_A_MIRROR);
+    struct prepared_scene *image = yard(THROUGH_THE_LOOKING_GLASS), *set = yard(IN_A_MIRROR);
     struct environment *e = sun_and_sky(1e4f, 0.02f);
     gather(image, e, &(struct relight_desc){ .caustics = PLAN_LIGHT, .particles = 100000 }, 4, &truth);
     const double want = 0.9 * tally_mean(&truth.whole);
@@ -391,7 +391,7 @@ static void everything_fails_on_a_caustic_seen_in_a_mirror(void **state)
                  tally_mean(&by[k].whole) / want);
         best_of(&best, error, where);
     }
-    fails_above("a sun's caustic in a mirror", "auto, light, path, mlt", "relative noise of a whole picture's mean",
+    fails_above("a sun's caustic in a mirror", "auto, light, path, mlt", "relative noise of a whole image's mean",
                 best.value, 0.3, best.where);
     shows_above("a sun's caustic in a mirror: the plan's facts show it", "plan",
                 "peakedness, with points behind mirrors", by[0].plan.behind_caustics ? facts_peakedness(e) : 0.0, 5.0,

@@ -5,7 +5,7 @@
 enum { WIDTH = 16, HEIGHT = 12, PIXELS = WIDTH * HEIGHT, VALUES = 3 * PIXELS };
 
 /* A block and a mirror on a floor that extends `half` metres each way. */
-static struct set *yard(float half, bool mirror)
+static struct prepared_scene *yard(float half, bool mirror)
 {
     static const struct camera aside = { "aside", { 0.6f, 2.6f, 2.2f }, { -0.3f, 0, 0 }, { 0, 1, 0 }, 0.5f };
     static const struct camera above = { "above", { -0.3f, 3.0f, 0 }, { -0.3f, 0, 0 }, { 0, 0, -1 }, 0.3f };
@@ -34,8 +34,8 @@ struct means {
     double hit; /* share of the light tracer's starts that hit a target first */
 };
 
-static void average(struct set *set, const struct environment *e, const struct relight_desc *desc, uint32_t seeds,
-                    struct means *out)
+static void average(struct prepared_scene *set, const struct environment *e, const struct relight_desc *desc,
+                    uint32_t seeds, struct means *out)
 {
     static float rgb[VALUES];
     struct relighter *r = relighter_create(set, best_kernels());
@@ -47,7 +47,7 @@ static void average(struct set *set, const struct environment *e, const struct r
     for (uint32_t k = 0; k < seeds; k++) {
         double sum = 0.0;
         by.direct.seed = 1000 + k;
-        const struct relight_stats s = picture_of(r, e, &by, rgb);
+        const struct relight_stats s = image_of(r, e, &by, rgb);
         for (uint32_t i = 0; i < PIXELS; i++) {
             const double l = rgb_luminance(rgb[3 * i], rgb[3 * i + 1], rgb[3 * i + 2]);
             tally_add(&out->pixel[i], l);
@@ -79,15 +79,15 @@ static void a_ground_of_a_thousand_times_the_object_takes_no_direct_light(void *
     struct worst off = { 0.0, "" };
     (void)state;
     omp_set_num_threads(1); /* small work items; the cores may be busy */
-    struct set *small = yard(3.0f, true), *large = yard(3000.0f, true);
+    struct prepared_scene *small = yard(3.0f, true), *large = yard(3000.0f, true);
     struct environment *e = sunny();
     struct relighter *r = relighter_create(small, best_kernels()), *q = relighter_create(large, best_kernels());
     for (int k = 0; k < VARIANTS; k++) {
         struct relight_desc desc = { .direct = variants[k].desc };
         struct metrics m;
         desc.direct.samples = 64;
-        picture_of(r, e, &desc, a);
-        picture_of(q, e, &desc, b);
+        image_of(r, e, &desc, a);
+        image_of(q, e, &desc, b);
         assert_true(metrics_compare(b, a, NULL, WIDTH, HEIGHT, 0.0, NULL, &m));
         worst_of(&off, m.rel_mse, variants[k].name, "");
     }
@@ -113,23 +113,23 @@ static void a_ground_of_a_thousand_times_the_object_takes_no_caustics(void **sta
     struct relight_stats stats;
     static float rgb[VALUES];
     (void)state;
-    struct set *near = yard(3.0f, true), *far = yard(3000.0f, true), *plain = yard(3000.0f, false);
+    struct prepared_scene *near = yard(3.0f, true), *far = yard(3000.0f, true), *plain = yard(3000.0f, false);
     struct environment *e = sunny();
     average(near, e, &caustics, seeds, &small);
     average(far, e, &caustics, seeds, &large);
     average(plain, e, &by_light, seeds, &lit);
     average(plain, e, &by_eye, seeds, &eye);
     struct relighter *r = relighter_create(plain, best_kernels());
-    stats = picture_of(r, e, &(struct relight_desc){ .classes = PATH_ALL, .direct = { .samples = 4 } }, rgb);
+    stats = image_of(r, e, &(struct relight_desc){ .classes = PATH_ALL, .direct = { .samples = 4 } }, rgb);
     relighter_destroy(r);
     holds_below("ground 1000 times the object: caustics", "light tracer, aimed at casters",
                 "relMSE over that with a small one", noise(&large) / noise(&small), 1.5, "");
     shows_above("ground 1000 times the object: starts that meet a caster", "light tracer, aimed at casters", "share",
                 large.hit, 0.9 * small.hit, "");
     const bool found = tally_mean(&lit.whole) > 0.0;
-    fails_above("ground 1000 times the object: interreflection by light", "light tracer, aimed at all",
+    fails_above("ground 1000 times the object: indirect light by light", "light tracer, aimed at all",
                 "relMSE of a picture", found ? noise(&lit) : 1e9, 1e3, found ? "" : "no light at all in 32 pictures");
-    holds_below("ground 1000 times the object: interreflection by auto", "eye paths", "relMSE of a picture",
+    holds_below("ground 1000 times the object: indirect light by auto", "eye paths", "relMSE of a picture",
                 stats.plan.indirect == PLAN_EYE ? noise(&eye) : NAN, 1.0, "");
     environment_destroy(e);
     set_destroy(near);
@@ -145,7 +145,7 @@ static const char scene_text[] =
 
 /* A floor, a slanted card and a mirror, with degenerate triangles: repeated corners, collinear, NaN, out of range,
  * too thin for a normal, and lines and points. */
-static struct set *card(bool spoilt)
+static struct prepared_scene *card(bool spoilt)
 {
     static const char good[] =
         "v -3 0 -3\nv 3 0 -3\nv 3 0 3\nv -3 0 3\nv -0.5 0 -0.5\nv 0.5 0 -0.5\nv 0.4 0.9 0.2\n"
@@ -158,7 +158,7 @@ static struct set *card(bool spoilt)
     static const char more[] = "usemtl shine\nf 8 9 10 11\n";
     char text[2048];
     struct folder f;
-    struct set *set = NULL;
+    struct prepared_scene *set = NULL;
     struct reason why = { "" };
 
     omp_set_num_threads(1);
@@ -168,8 +168,9 @@ static struct set *card(bool spoilt)
     const char *path = folder_text(&f, "scene.json", scene_text);
     log_begin();
     const enum err e = set_create(
-        &(struct set_desc){ .scene = path, .width = WIDTH, .height = HEIGHT, .edge_rays = 1, .interleave = 2 }, &set,
-        &why);
+        &(struct prepared_scene_desc){
+            .scene = path, .width = WIDTH, .height = HEIGHT, .edge_rays = 1, .interleave = 2 },
+        &set, &why);
     (void)log_end();
     folder_remove(&f);
     if (e)
@@ -183,7 +184,7 @@ static void triangles_that_are_none_change_no_bit(void **state)
     static const enum method whole[] = { METHOD_PATH, METHOD_MLT, METHOD_PHOTONS, METHOD_VPL };
     uint64_t same = 0, finite = 0, lit = 0, total = 0;
     (void)state;
-    struct set *good = card(false), *bad = card(true);
+    struct prepared_scene *good = card(false), *bad = card(true);
     struct environment *e = sunny();
     struct relighter *r = relighter_create(good, best_kernels()), *q = relighter_create(bad, best_kernels());
     for (int k = 0; k < VARIANTS + 6; k++) {
@@ -196,8 +197,8 @@ static void triangles_that_are_none_change_no_bit(void **state)
             desc.direct.method = whole[k - VARIANTS];
         desc.caustics = desc.indirect = k == VARIANTS + 4 ? PLAN_LIGHT : k == VARIANTS + 5 ? PLAN_EYE : PLAN_AUTO;
         desc.direct.samples = 4;
-        picture_of(r, e, &desc, want);
-        picture_of(q, e, &desc, got);
+        image_of(r, e, &desc, want);
+        image_of(q, e, &desc, got);
         for (int i = 0; i < VALUES; i++) {
             numbers = numbers && isfinite(got[i]) && got[i] >= 0.0f;
             light = light || got[i] > 0.0f;
@@ -212,7 +213,7 @@ static void triangles_that_are_none_change_no_bit(void **state)
     environment_destroy(e);
     set_destroy(good);
     set_destroy(bad);
-    holds_all("degenerate and NaN geometry", "all, references and light paths too (21)", "finite pictures with light",
+    holds_all("degenerate and NaN geometry", "all, references and light paths too (21)", "finite images with light",
               finite + lit, 2 * total);
     holds_all("degenerate and NaN geometry: as if left out", "all, references and light paths too (21)",
               "pictures of the same bits", same, total);
@@ -221,7 +222,7 @@ static void triangles_that_are_none_change_no_bit(void **state)
 
 /* A floor whose normals lean by 70 degrees, a wall whose normals point behind it, a coarse ball with inverted
  * normals, and a leaning mirror. */
-static struct set *leaning(void)
+static struct prepared_scene *leaning(void)
 {
     static const struct camera camera = { "leaning", { 0.6f, 1.8f, 2.8f }, { 0, 0.2f, 0 }, { 0, 1, 0 }, 0.8f };
     struct scene *s = scene_create();
@@ -257,7 +258,7 @@ static void shading_normals_that_face_away_count_the_same_by_every_method(void *
     const uint32_t seeds = full() ? 256 : 24;
     static const char *const names[2] = { "eye paths", "light tracer" };
     (void)state;
-    struct set *set = leaning();
+    struct prepared_scene *set = leaning();
     struct environment *e = sky_environment(sky_overcast(64, 32), 32, 30.0);
     struct relight_desc by = { .classes = PATH_DIRECT, .direct = { .method = METHOD_PATH, .samples = 64 } };
     average(set, e, &by, seeds, &want);
@@ -289,7 +290,7 @@ static void shading_normals_that_face_away_count_the_same_by_every_method(void *
                 z.value, 4.5, z.where);
     holds_below("shading normals that face away: the doubt", claimants(ANY_SKY), "relative standard error", error.value,
                 0.04, error.where);
-    holds_below("shading normals that face away: interreflection", "eye paths, light tracer",
+    holds_below("shading normals that face away: indirect light", "eye paths, light tracer",
                 "standard errors from path", rest.value, 4.5, rest.where);
     holds_below("shading normals that face away: the doubt there", "eye paths, light tracer", "relative standard error",
                 doubt.value, 0.04, doubt.where);
@@ -406,7 +407,7 @@ static void a_caster_without_area_casts_nothing(void **state)
     add_wall(s, add_lambert(s, 0.7f), 1, 0.0f, (const float[2]){ -3, -3 }, (const float[2]){ 3, 3 });
     add_wall(s, add_kind(s, MATERIAL_MIRROR, 0.9f, 0.9f, 0.9f, 0.0f), 0, -0.5f, (const float[2]){ 0, -0.8f },
              (const float[2]){ 0.8f, 0.8f });
-    struct set *set = set_of(s, &camera, WIDTH, HEIGHT, 1);
+    struct prepared_scene *set = set_of(s, &camera, WIDTH, HEIGHT, 1);
     /* One texel on each side of x = 0, at +Z and straight up. */
     for (int place = 0; place < 2; place++) {
         struct frame f = sky_constant(512, 256, 0.0f);
@@ -418,14 +419,14 @@ static void a_caster_without_area_casts_nothing(void **state)
             struct relight_desc desc = { .classes = PATH_CAUSTICS, .caustics = PLAN_LIGHT, .particles = 20000 };
             desc.start = (enum start_kind)start;
             desc.direct.samples = 16;
-            picture_of(r, e, &desc, rgb);
+            image_of(r, e, &desc, rgb);
             for (int i = 0; i < VALUES; i++) {
                 finite += isfinite(rgb[i]) && rgb[i] >= 0.0f;
                 caustics += isfinite(rgb[i]) ? rgb[i] : 1e9;
                 total++;
             }
         }
-        picture_of(r, e, &(struct relight_desc){ .direct = { .method = METHOD_AUTO, .samples = 16 } }, rgb);
+        image_of(r, e, &(struct relight_desc){ .direct = { .method = METHOD_AUTO, .samples = 16 } }, rgb);
         for (int i = 0; i < VALUES; i++)
             direct += rgb[i];
         relighter_destroy(r);

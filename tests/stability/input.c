@@ -9,10 +9,10 @@
 enum { WIDTH = 16, HEIGHT = 12, VALUES = WIDTH * HEIGHT * 3 };
 
 /* The built-in scene, small. */
-static struct set *court(void)
+static struct prepared_scene *court(void)
 {
-    const struct set_desc desc = { .width = WIDTH, .height = HEIGHT, .edge_rays = 1, .interleave = 2 };
-    struct set *set = NULL;
+    const struct prepared_scene_desc desc = { .width = WIDTH, .height = HEIGHT, .edge_rays = 1, .interleave = 2 };
+    struct prepared_scene *set = NULL;
     struct reason why;
 
     omp_set_num_threads(1); /* small work items; the cores may be busy */
@@ -70,15 +70,15 @@ static void values_that_are_no_radiance_are_as_if_they_were_put_right(void **sta
     static float got[VALUES], want[VALUES];
     uint64_t same = 0, finite = 0;
     (void)state;
-    struct set *set = court();
+    struct prepared_scene *set = court();
     struct environment *bad = sky_environment(spoilt(false), 32, 15.0);
     struct environment *good = sky_environment(spoilt(true), 32, 15.0);
     struct relighter *r = relighter_create(set, best_kernels());
     const struct image_faults *f = &bad->image.faults;
     for (int k = 0; k < WAYS; k++) {
         const struct relight_desc desc = way(k);
-        picture_of(r, bad, &desc, got);
-        picture_of(r, good, &desc, want);
+        image_of(r, bad, &desc, got);
+        image_of(r, good, &desc, want);
         same += memcmp(got, want, sizeof(got)) == 0;
         finite += is_radiance(got);
     }
@@ -197,7 +197,7 @@ static void light_has_density_wherever_it_is_evaluated(void **state)
 static const struct {
     const char *layout;
     uint32_t width, height;
-} pictures[] = {
+} images[] = {
     { "latlong", 64, 32 },        { "latlong", 1, 1 },  { "latlong", 128, 64 },
     { "cube", 16, 96 },           { "hcross", 64, 48 }, { "latlong", 64, 32 },
     { "latlong-bottom", 64, 32 },                                              /* the same shape, different layout */
@@ -205,21 +205,21 @@ static const struct {
     { "latlong", 7, 5 },          { "latlong", 2, 1 },  { "", 64, 32 },
     { "latlong", 300, 20 },
 };
-enum { PICTURES = sizeof(pictures) / sizeof(pictures[0]) };
+enum { IMAGES = sizeof(images) / sizeof(images[0]) };
 
 static struct frame noise_of(int k)
 {
-    struct frame f = sky_constant(pictures[k].width, pictures[k].height, 0.0f);
+    struct frame f = sky_constant(images[k].width, images[k].height, 0.0f);
     struct rng r = { 100 + (uint64_t)k };
 
     for (size_t i = 0; i < 3 * (size_t)f.width * f.height; i++)
         f.rgb[i] = (float)(0.2 + rng_next(&r));
-    snprintf(f.layout, sizeof(f.layout), "%s", pictures[k].layout);
+    snprintf(f.layout, sizeof(f.layout), "%s", images[k].layout);
     return f;
 }
 
 /* Tables, samples and images built in reused memory of other sizes equal those in fresh memory, bit for bit. Each
- * commit plays every third picture of the sequence, which still changes layout each time, and caches by the first
+ * commit plays every third image of the sequence, which still changes layout each time, and caches by the first
  * and the twelfth. A cache has another sky behind it from the second on. */
 static void a_sequence_whose_size_and_layout_change_is_as_if_each_came_alone(void **state)
 {
@@ -228,16 +228,16 @@ static void a_sequence_whose_size_and_layout_change_is_as_if_each_came_alone(voi
     uint64_t same = 0, total = 0;
     struct reason why;
     (void)state;
-    struct set *set = court();
+    struct prepared_scene *set = court();
     struct environment *used = environment_create(&desc);
     struct relighter *worn = relighter_create(set, best_kernels());
-    for (int k = 0; k < PICTURES; k += seeds_count(3, 1)) {
+    for (int k = 0; k < IMAGES; k += seeds_count(3, 1)) {
         struct frame f = noise_of(k);
         struct environment *fresh = environment_create(&desc);
         struct relighter *new = relighter_create(set, best_kernels());
         assert_int_equal(environment_update(used, &f, &why), ERR_OK);
         assert_int_equal(environment_update(fresh, &f, &why), ERR_OK);
-        const bool latlong = strstr(pictures[k].layout, "latlong") || !pictures[k].layout[0];
+        const bool latlong = strstr(images[k].layout, "latlong") || !images[k].layout[0];
         for (int q = 0; q < WAYS; q++) {
             const struct relight_desc by = way(q);
             if (!latlong && q < VARIANTS && variants[q].claims & OWN_SOURCE) {
@@ -249,10 +249,10 @@ static void a_sequence_whose_size_and_layout_change_is_as_if_each_came_alone(voi
                 continue;
             if (by.direct.method == METHOD_CACHED && k % seeds_count(12, 1))
                 continue;
-            picture_of(worn, used, &by, got);
+            image_of(worn, used, &by, got);
             if (by.direct.method == METHOD_CACHED && k == 0) /* nothing is worn yet */
                 continue;
-            picture_of(new, fresh, &by, want);
+            image_of(new, fresh, &by, want);
             same += memcmp(got, want, sizeof(got)) == 0;
             total++;
         }

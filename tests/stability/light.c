@@ -58,7 +58,7 @@ static void a_sun_at_every_awkward_place_lights_as_quadrature(void **state)
 }
 
 /* A floor, and a mirror at x = -1 that reflects the sun onto it; from above, where the mirror is not visible. */
-static struct set *mirror_yard(void)
+static struct prepared_scene *mirror_yard(void)
 {
     static const struct camera above = { "above", { -0.3f, 3.0f, 0 }, { -0.3f, 0, 0 }, { 0, 0, -1 }, 0.3f };
     struct scene *s = scene_create();
@@ -91,7 +91,7 @@ static void add_thrown(void *user, const double w[3], double solid_angle, const 
     }
 }
 
-static double thrown_light(const struct set *set, const struct environment *e)
+static double thrown_light(const struct prepared_scene *set, const struct environment *e)
 {
     static struct thrown t;
 
@@ -117,7 +117,7 @@ static void a_sun_at_every_awkward_place_is_where_light_paths_begin(void **state
     static float rgb[16 * 12 * 3];
     struct worst z = { 0.0, "" }, error = { 0.0, "" };
     (void)state;
-    struct set *set = mirror_yard();
+    struct prepared_scene *set = mirror_yard();
     struct relighter *r = relighter_create(set, best_kernels());
     omp_set_num_threads(1);
     for (int p = 0; p < 6; p++) {
@@ -134,7 +134,7 @@ static void a_sun_at_every_awkward_place_is_where_light_paths_begin(void **state
             desc.direct.samples = 1;
             for (desc.direct.seed = 0; desc.direct.seed < (full() ? 512 : 40); desc.direct.seed++) {
                 double sum = 0.0;
-                picture_of(r, e, &desc, rgb);
+                image_of(r, e, &desc, rgb);
                 for (int i = 0; i < 16 * 12; i++)
                     sum += rgb_luminance(rgb[3 * i], rgb[3 * i + 1], rgb[3 * i + 2]) / (16 * 12);
                 tally_add(&t, sum);
@@ -262,10 +262,12 @@ static void a_black_frame_is_black_by_every_method(void **state)
     static float rgb[W * H * 3];
     uint64_t dark = 0, total = 0;
     (void)state;
-    struct set *set = NULL;
+    struct prepared_scene *set = NULL;
     struct reason why;
     assert_int_equal(
-        set_create(&(struct set_desc){ .width = W, .height = H, .edge_rays = 1, .interleave = 2 }, &set, &why), ERR_OK);
+        set_create(&(struct prepared_scene_desc){ .width = W, .height = H, .edge_rays = 1, .interleave = 2 }, &set,
+                   &why),
+        ERR_OK);
     struct environment *e = sky_environment(sky_constant(32, 16, 0.0f), 16, 0.0);
     struct relighter *r = relighter_create(set, best_kernels());
     omp_set_num_threads(1);
@@ -282,7 +284,7 @@ static void a_black_frame_is_black_by_every_method(void **state)
         desc.direct.samples = 4;
         for (size_t i = 0; i < W * H * 3; i++)
             rgb[i] = NAN;
-        picture_of(r, e, &desc, rgb);
+        image_of(r, e, &desc, rgb);
         for (size_t i = 0; i < W * H * 3; i++)
             dark += rgb[i] == 0.0f;
         total += W * H * 3;

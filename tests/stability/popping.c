@@ -34,7 +34,7 @@ static struct environment *small_environment(void)
 }
 
 /* A floor, a wall, and a block that casts its shadow on both. */
-static struct set *yard(void)
+static struct prepared_scene *yard(void)
 {
     static const struct camera camera = { "yard", { 1.5f, 4.0f, 4.5f }, { 0, 0.4f, 0 }, { 0, 1, 0 }, 0.7f };
     struct scene *s = scene_create();
@@ -163,7 +163,7 @@ static bool is_plain_faces(const struct variant *v)
 
 /* One frame of a method without occlusion, and in the yard if `shadowed` is given. */
 struct turning {
-    struct set *set;
+    struct prepared_scene *set;
     struct direct *d;
     float *lo;
     struct series open[VARIANTS], shadowed[VARIANTS];

@@ -315,10 +315,10 @@ static inline void unit3(double w[3])
 }
 
 /* A generated scene with everything that relighting needs; takes ownership of the scene. Free with set_destroy. */
-static inline struct set *set_of(struct scene *s, const struct camera *camera, uint32_t width, uint32_t height,
-                                 uint32_t edge_rays)
+static inline struct prepared_scene *set_of(struct scene *s, const struct camera *camera, uint32_t width,
+                                            uint32_t height, uint32_t edge_rays)
 {
-    struct set *set = mem_alloc(1, sizeof(*set));
+    struct prepared_scene *set = mem_alloc(1, sizeof(*set));
     struct gbuffer_desc g = { .camera = camera, .width = width, .height = height, .edge_rays = edge_rays };
     struct reason why = { "" };
 
@@ -335,8 +335,8 @@ static inline struct set *set_of(struct scene *s, const struct camera *camera, u
     return set;
 }
 
-static inline struct relight_stats picture_of(struct relighter *r, const struct environment *e,
-                                              const struct relight_desc *desc, float *rgb)
+static inline struct relight_stats image_of(struct relighter *r, const struct environment *e,
+                                            const struct relight_desc *desc, float *rgb)
 {
     struct relight_stats stats;
 

@@ -55,7 +55,7 @@ static void flush(png_structp png)
 static bool write_all(const struct png_desc *d, struct sink *s, png_structp png, png_infop info)
 {
     const size_t row = (size_t)d->width * (d->alpha ? 4 : 3) * (d->deep ? 2 : 1);
-    const uint16_t probe = 1;
+    const uint16_t inspection = 1;
 
     if (setjmp(s->out))
         return false;
@@ -65,7 +65,7 @@ static bool write_all(const struct png_desc *d, struct sink *s, png_structp png,
                  PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
     png_set_sRGB_gAMA_and_cHRM(png, info, PNG_sRGB_INTENT_RELATIVE);
     png_write_info(png, info);
-    if (d->deep && *(const uint8_t *)&probe == 1) /* the file is big-endian */
+    if (d->deep && *(const uint8_t *)&inspection == 1) /* the file is big-endian */
         png_set_swap(png);
     for (uint32_t y = 0; y < d->height; y++)
         png_write_row(png, (png_const_bytep)d->samples + y * row);

@@ -5,7 +5,7 @@
 /* nal_unit_type [H.264, Table 7-1] */
 enum {
     SEQUENCE_PARAMETERS = 7,
-    PICTURE_PARAMETERS = 8,
+    IMAGE_PARAMETERS = 8,
     DELIMITER = 9,
 };
 
@@ -28,11 +28,11 @@ size_t annexb_header_size(const uint8_t *bytes, size_t size)
     while (at < size) {
         const size_t nal = at + (bytes[at + 2] == 1 ? 3 : 4);
         const unsigned type = nal < size ? bytes[nal] & 31u : 0;
-        if (type != SEQUENCE_PARAMETERS && type != PICTURE_PARAMETERS && type != DELIMITER)
+        if (type != SEQUENCE_PARAMETERS && type != IMAGE_PARAMETERS && type != DELIMITER)
             break;
         seen |= 1u << type;
         at = next_start(bytes, size, nal);
     }
-    const bool both = seen >> SEQUENCE_PARAMETERS & 1 && seen >> PICTURE_PARAMETERS & 1;
+    const bool both = seen >> SEQUENCE_PARAMETERS & 1 && seen >> IMAGE_PARAMETERS & 1;
     return both ? at : 0;
 }

@@ -1,5 +1,5 @@
 #define _GNU_SOURCE /* memfd_create, fallocate */
-#include "import/decoder/parts.h"
+#include "import/decoder/internal.h"
 
 #include "base/clock.h"
 #include "base/log.h"
@@ -19,8 +19,8 @@
 #define VIDEO_PROGRAM "relight-video"
 #define FILE_BYTES ((size_t)256 << 20)
 #define MEMORY_BYTES ((size_t)512 << 20)
-#define VIDEO_MEMORY_BYTES ((size_t)3 << 30) /* decoders of 8K video keep 16 reference pictures of up to 100 MB */
-#define PICTURE_BYTES                                                                                                  \
+#define VIDEO_MEMORY_BYTES ((size_t)3 << 30) /* decoders of 8K video keep 16 reference images of up to 100 MB */
+#define IMAGE_BYTES                                                                                                  \
     (3 * sizeof(float) * IMAGE_MAX_TEXELS) /* address space; pages that no image has used take no memory */
 #define KEPT_BYTES ((size_t)64 << 20)      /* shared memory that is kept although the current contents are smaller */
 #define SPARED 2                           /* consecutive crashes after which the process is still restarted at once */
@@ -77,7 +77,7 @@ static enum err start(struct decoder *d, struct reason *why)
     struct wire_hello hello = { 0 };
 
     snprintf(file, sizeof(file), "%zu", d->file_bytes);
-    snprintf(picture, sizeof(picture), "%zu", PICTURE_BYTES);
+    snprintf(picture, sizeof(picture), "%zu", IMAGE_BYTES);
     snprintf(memory, sizeof(memory), "%zu", d->memory_bytes);
     const enum err e = child_start(&d->child, d->program, arguments, descriptors, 2, why);
     if (e)
@@ -257,7 +257,7 @@ enum err decoder_create(const struct decoder_desc *desc, struct decoder **out, s
     if (!e)
         e = share(&d->file, "relight-file", d->file_bytes, PROT_READ | PROT_WRITE, why);
     if (!e)
-        e = share(&d->picture, "relight-picture", PICTURE_BYTES, PROT_READ, why);
+        e = share(&d->picture, "relight-picture", IMAGE_BYTES, PROT_READ, why);
     if (!e)
         e = start(d, why);
     if (e) {

@@ -65,21 +65,21 @@ static int serve(const uint8_t *file, size_t file_bytes, float *picture, const s
 int decoder_serve(int argc, char **argv, const struct decoder_work *work)
 {
     struct wire_hello hello = { .magic = WIRE_MAGIC };
-    unsigned long long file_bytes, picture_bytes, memory_bytes;
+    unsigned long long file_bytes, image_bytes, memory_bytes;
 
-    if (argc != 4 || sscanf(argv[1], "%llu", &file_bytes) != 1 || sscanf(argv[2], "%llu", &picture_bytes) != 1 ||
-        sscanf(argv[3], "%llu", &memory_bytes) != 1 || picture_bytes < 3 * sizeof(float) * IMAGE_MAX_TEXELS) {
+    if (argc != 4 || sscanf(argv[1], "%llu", &file_bytes) != 1 || sscanf(argv[2], "%llu", &image_bytes) != 1 ||
+        sscanf(argv[3], "%llu", &memory_bytes) != 1 || image_bytes < 3 * sizeof(float) * IMAGE_MAX_TEXELS) {
         fprintf(stderr, "other relightd programs start this one to decode images or video; it cannot be used alone.\n");
         return argc == 2 && strcmp(argv[1], "--help") == 0 ? 0 : 2;
     }
     const uint8_t *file = mmap(NULL, (size_t)file_bytes, PROT_READ, MAP_SHARED, WIRE_FILE, 0);
-    float *picture = mmap(NULL, (size_t)picture_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, WIRE_PICTURE, 0);
+    float *picture = mmap(NULL, (size_t)image_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, WIRE_PICTURE, 0);
     if (file == MAP_FAILED || picture == MAP_FAILED)
         return 1;
     close(WIRE_FILE);
     close(WIRE_PICTURE);
     const struct confine_limits limits = {
-        .address_bytes = (size_t)(file_bytes + picture_bytes + memory_bytes) + PROGRAM_BYTES,
+        .address_bytes = (size_t)(file_bytes + image_bytes + memory_bytes) + PROGRAM_BYTES,
         .seconds = LIFE_S,
         .descriptors = WIRE_PICTURE + 1, /* the process uses only the first six */
     };

@@ -132,7 +132,7 @@ static enum err begin(struct stream *s, const struct wire_request *q, const uint
     return open_codec(s, q, bytes, why);
 }
 
-/* ---- Pictures ---- */
+/* ---- Images ---- */
 
 static enum err next_picture(struct stream *s, const struct wire_request *q, struct wire_answer *a)
 {

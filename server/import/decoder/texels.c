@@ -30,7 +30,7 @@ static bool is_full_range(const AVFrame *f, const AVPixFmtDescriptor *d)
            f->format == AV_PIX_FMT_YUVJ444P || f->format == AV_PIX_FMT_YUVJ440P;
 }
 
-/* Prepares the conversion, unless the last picture had the same colours. */
+/* Prepares the conversion, unless the last image had the same colours. */
 static enum err match_signal(struct texels *t, const AVFrame *f, const AVPixFmtDescriptor *d, const char *name,
                              struct reason *why)
 {
@@ -60,7 +60,7 @@ static enum err match_signal(struct texels *t, const AVFrame *f, const AVPixFmtD
 
 /* ---- Components ---- */
 
-/* Where component c of a picture's row y lies, and how far apart its values are. */
+/* Where component c of an image's row y lies, and how far apart its values are. */
 struct component {
     const uint8_t *at;
     int step, shift;
@@ -154,7 +154,7 @@ static void read_component(const struct texels *t, const AVFrame *f, const AVPix
     }
 }
 
-/* ---- Pictures ---- */
+/* ---- Images ---- */
 
 static enum err check_format(const AVFrame *f, const AVPixFmtDescriptor *d, const char *name, struct reason *why)
 {

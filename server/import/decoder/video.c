@@ -1,6 +1,6 @@
 #include "import/decoder/video.h"
 
-#include "import/decoder/parts.h"
+#include "import/decoder/internal.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -66,43 +66,43 @@ enum err video_open(struct decoder *d, const struct video_desc *desc, struct rea
     return e;
 }
 
-static enum err ask_picture(struct decoder *d, struct wire_request *q, const uint8_t *bytes, struct video_picture *out,
+static enum err ask_image(struct decoder *d, struct wire_request *q, const uint8_t *bytes, struct video_image *out,
                             struct reason *why)
 {
     struct wire_answer a;
 
-    *out = (struct video_picture){ .time_us = VIDEO_NO_TIME };
+    *out = (struct video_image){ .time_us = VIDEO_NO_TIME };
     const enum err e = exchange(d, q, bytes, &a, why);
     if (!e)
-        *out = (struct video_picture){ a.picture == 1, a.time_us };
+        *out = (struct video_image){ a.picture == 1, a.time_us };
     return e;
 }
 
 enum err video_packet(struct decoder *d, const struct video_desc *desc, const uint8_t *bytes, size_t size,
-                      int64_t time_us, struct video_picture *out, struct reason *why)
+                      int64_t time_us, struct video_image *out, struct reason *why)
 {
     struct wire_request q;
 
     begin(&q, WIRE_PACKET, desc);
     q.size = size;
     q.time_us = time_us;
-    return ask_picture(d, &q, bytes, out, why);
+    return ask_image(d, &q, bytes, out, why);
 }
 
-enum err video_next(struct decoder *d, const struct video_desc *desc, struct video_picture *out, struct reason *why)
+enum err video_next(struct decoder *d, const struct video_desc *desc, struct video_image *out, struct reason *why)
 {
     struct wire_request q;
 
     begin(&q, WIRE_NEXT, desc);
-    return ask_picture(d, &q, NULL, out, why);
+    return ask_image(d, &q, NULL, out, why);
 }
 
-enum err video_drain(struct decoder *d, const struct video_desc *desc, struct video_picture *out, struct reason *why)
+enum err video_drain(struct decoder *d, const struct video_desc *desc, struct video_image *out, struct reason *why)
 {
     struct wire_request q;
 
     begin(&q, WIRE_DRAIN, desc);
-    return ask_picture(d, &q, NULL, out, why);
+    return ask_image(d, &q, NULL, out, why);
 }
 
 enum err video_flush(struct decoder *d, const struct video_desc *desc, struct reason *why)

@@ -21,7 +21,7 @@ struct video_desc {
     const uint8_t *extra; /* of the codec; may be NULL */
     size_t extra_size;
     struct video_colour colour;
-    uint32_t max_side; /* of pictures, texels; 0: IMAGE_MAX_SIDE */
+    uint32_t max_side; /* of images, texels; 0: IMAGE_MAX_SIDE */
     const char *name;  /* for messages */
 };
 
@@ -30,29 +30,29 @@ struct video_desc {
 MUST_CHECK enum err video_open(struct decoder *d, const struct video_desc *desc, struct reason *why);
 bool video_is_open(const struct decoder *d);
 
-struct video_picture {
+struct video_image {
     bool ready;      /* there is one; video_convert has its texels until there is another, or video_flush */
     int64_t time_us; /* its time stamp, or VIDEO_NO_TIME */
 };
 
-/* The packet's first picture. Call video_next until it has none, before the next packet. ERR_FORMAT: the packet is
+/* The packet's first image. Call video_next until it has none, before the next packet. ERR_FORMAT: the packet is
  * damaged; the stream continues if video_is_open. */
 MUST_CHECK enum err video_packet(struct decoder *d, const struct video_desc *desc, const uint8_t *bytes, size_t size,
-                                 int64_t time_us, struct video_picture *out, struct reason *why);
-MUST_CHECK enum err video_next(struct decoder *d, const struct video_desc *desc, struct video_picture *out,
+                                 int64_t time_us, struct video_image *out, struct reason *why);
+MUST_CHECK enum err video_next(struct decoder *d, const struct video_desc *desc, struct video_image *out,
                                struct reason *why);
-/* After the last packet: the pictures held back, one a call. */
-MUST_CHECK enum err video_drain(struct decoder *d, const struct video_desc *desc, struct video_picture *out,
+/* After the last packet: the images held back, one a call. */
+MUST_CHECK enum err video_drain(struct decoder *d, const struct video_desc *desc, struct video_image *out,
                                 struct reason *why);
 /* The next packet comes from elsewhere in the stream. */
 MUST_CHECK enum err video_flush(struct decoder *d, const struct video_desc *desc, struct reason *why);
 
 struct video_state {
-    enum signal_transfer transfer; /* of the picture */
+    enum signal_transfer transfer; /* of the image */
     bool assumed;                  /* the stream does not state it */
 };
 
-/* The texels of the last picture: linear Rec.709, cd/m^2, as FRAME_TEXELS. ERR_UNSUPPORTED: its pixel format or colour.
+/* The texels of the last image: linear Rec.709, cd/m^2, as FRAME_TEXELS. ERR_UNSUPPORTED: its pixel format or colour.
  * ERR_RANGE, ERR_FORMAT, ERR_NOMEM. */
 MUST_CHECK enum err video_convert(struct decoder *d, const struct video_desc *desc, struct frame *f,
                                   struct video_state *out, struct reason *why);

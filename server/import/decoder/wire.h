@@ -21,11 +21,11 @@ struct wire_hello {
 enum wire_kind {
     WIRE_IMAGE,   /* decode a file */
     WIRE_STREAM,  /* begin a video stream of this format; the file is its codec's extra data */
-    WIRE_PACKET,  /* decode a packet up to its first picture */
-    WIRE_NEXT,    /* the next picture of the packets sent so far */
-    WIRE_DRAIN,   /* no more packets: the next picture that is still held back */
+    WIRE_PACKET,  /* decode a packet up to its first image */
+    WIRE_NEXT,    /* the next image of the packets sent so far */
+    WIRE_DRAIN,   /* no more packets: the next image that is still held back */
     WIRE_FLUSH,   /* forget what was decoded; packets from elsewhere in the stream follow */
-    WIRE_CONVERT, /* the texels of the last picture */
+    WIRE_CONVERT, /* the texels of the last image */
 };
 
 struct wire_request {
@@ -45,7 +45,7 @@ struct wire_answer {
     int32_t result; /* enum err */
     uint32_t width, height, layout;
     uint32_t picture;   /* PACKET, NEXT, DRAIN: 1: there is one; CONVERT: its transfer function, enum signal_transfer */
-    int64_t time_us;    /* of the picture */
+    int64_t time_us;    /* of the image */
     uint32_t assumed;   /* CONVERT: 1: the stream does not state its transfer function */
     uint32_t low_range; /* IMAGE: as image.low_range */
     uint64_t nan, infinite, negative, clipped;

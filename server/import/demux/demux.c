@@ -18,7 +18,7 @@
 #include <unistd.h>
 
 #define PROGRAM "relight-demux"
-#define MEMORY_BYTES ((size_t)256 << 20) /* address space for a packet; a raw picture of 8K with 16 bits has 200 MB */
+#define MEMORY_BYTES ((size_t)256 << 20) /* address space for a packet; a raw image of 8K with 16 bits has 200 MB */
 #define PATIENCE_MS 15000
 
 struct demux {

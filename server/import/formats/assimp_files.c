@@ -1,4 +1,4 @@
-#include "import/formats/parts.h"
+#include "import/formats/internal.h"
 
 #include "base/mem.h"
 

@@ -1,5 +1,5 @@
 /* Checks headers that Assimp 5.2 does not check, before it reads the file. */
-#include "import/formats/parts.h"
+#include "import/formats/internal.h"
 
 #include <string.h>
 

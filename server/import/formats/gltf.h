@@ -1,7 +1,7 @@
 /* The parts of our reader of glTF 2.0 [glTF 2.0]. Private to this room. Thread: one at a time. */
 #pragma once
 
-#include "import/formats/parts.h"
+#include "import/formats/internal.h"
 
 #include <jansson.h>
 

@@ -2,7 +2,7 @@
 #include "import/formats/gltf_glossy.h"
 
 #include "base/mem.h"
-#include "import/formats/parts.h"
+#include "import/formats/internal.h"
 
 #include <math.h>
 #include <string.h>

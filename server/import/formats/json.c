@@ -1,4 +1,4 @@
-#include "import/formats/json_parts.h"
+#include "import/formats/json_internal.h"
 
 #include "base/log.h"
 #include "scene/geometry/free_view.h"

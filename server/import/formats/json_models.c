@@ -1,4 +1,4 @@
-#include "import/formats/json_parts.h"
+#include "import/formats/json_internal.h"
 
 #include "base/mem.h"
 

@@ -1,4 +1,4 @@
-#include "import/formats/parts.h"
+#include "import/formats/internal.h"
 
 void matrix_multiply(const double a[16], const double b[16], double out[16])
 {

@@ -1,7 +1,7 @@
 /* Materials of OBJ (MTL), FBX, COLLADA, 3DS, PLY and STL files as Assimp provides them. Their Blinn-Phong model does
  * not conserve energy, so it is replaced by our closest type: a GGX lobe as wide as the highlight, a mirror or glass.
  * */
-#include "import/formats/parts.h"
+#include "import/formats/internal.h"
 
 #include "base/log.h"
 #include "base/mem.h"
@@ -159,7 +159,7 @@ static bool texture_path(const char *model, const char *name, char out[HOST_PATH
 }
 
 /* The compressed image inside the model: "*3" is the third, FBX refers to them by file name. */
-static const struct aiTexture *embedded_picture(const struct aiScene *ai, const char *name)
+static const struct aiTexture *embedded_image(const struct aiScene *ai, const char *name)
 {
     const unsigned long number = name[0] == '*' ? strtoul(name + 1, NULL, 10) : ai->mNumTextures;
 
@@ -171,10 +171,10 @@ static const struct aiTexture *embedded_picture(const struct aiScene *ai, const 
     return NULL;
 }
 
-static enum err load_picture(const struct reading *r, const char *name, enum texture_values values, struct texture *out,
+static enum err load_image(const struct reading *r, const char *name, enum texture_values values, struct texture *out,
                              struct reason *why)
 {
-    const struct aiTexture *embedded = embedded_picture(r->ai, name);
+    const struct aiTexture *embedded = embedded_image(r->ai, name);
     char path[HOST_PATH_MAX];
 
     if (embedded)
@@ -209,7 +209,7 @@ static enum err read_texture(const struct reading *r, unsigned index, struct mat
         return ERR_OK;
     m->texture = known_texture(r, index, name.data);
     if (m->texture == MATERIAL_NO_TEXTURE) {
-        enum err e = load_picture(r, name.data, TEXTURE_SRGB, &t, &why);
+        enum err e = load_image(r, name.data, TEXTURE_SRGB, &t, &why);
         if (e == ERR_NOMEM)
             return e;
         if (e) {
@@ -229,7 +229,7 @@ static enum err read_texture(const struct reading *r, unsigned index, struct mat
     return ERR_OK;
 }
 
-/* A mask without an alpha channel is a grey picture: its red is the alpha. */
+/* A mask without an alpha channel is a grey image: its red is the alpha. */
 static void grey_to_alpha(struct texture *t)
 {
     const size_t count = (size_t)t->width * t->height;
@@ -255,7 +255,7 @@ static enum err read_map(const struct reading *r, const struct aiMaterial *ai, e
     *index = MATERIAL_NO_TEXTURE;
     if (aiGetMaterialString(ai, AI_MATKEY_TEXTURE(type, 0), &name) != aiReturn_SUCCESS)
         return ERR_OK;
-    enum err e = load_picture(r, name.data, values, &t, &why);
+    enum err e = load_image(r, name.data, values, &t, &why);
     if (e == ERR_NOMEM)
         return e;
     if (e) {

@@ -1,4 +1,4 @@
-#include "import/formats/parts.h"
+#include "import/formats/internal.h"
 
 #include <png.h>
 #include <string.h>

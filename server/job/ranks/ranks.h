@@ -16,7 +16,7 @@
 
 struct ranks;
 
-/* Properties that all ranks must share, besides the program's file, because they determine the bits of pictures. */
+/* Properties that all ranks must share, besides the program's file, because they determine the bits of images. */
 struct ranks_desc {
     const char *program; /* its name, for messages */
     const char *level;   /* CPU level, as kernels_select has it */
@@ -68,7 +68,7 @@ MUST_CHECK enum err ranks_broadcast_from(struct ranks *r, uint32_t from, void *b
 /* Collective. Each rank's number, in all[ranks_count]. */
 void ranks_share_number(struct ranks *r, double own, double *all);
 
-/* Two pictures can be on their way at once: turn 0 and turn 1. Rank 0 begins the broadcast of a turn's bytes, expects
+/* Two images can be on their way at once: turn 0 and turn 1. Rank 0 begins the broadcast of a turn's bytes, expects
  * answers from other ranks, and ranks_receive waits for all of them, in the order of ranks, for waited[k] seconds each
  * (double[ranks_count]; NULL: it does not matter); the memory must stay valid until then. The others
  * call ranks_broadcast for the same bytes. ERR_IO: stopped while waiting. ERR_RANGE: an answer above 2 GB, or

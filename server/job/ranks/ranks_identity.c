@@ -1,5 +1,5 @@
-/* What ranks must have in common: their pictures would differ otherwise. */
-#include "job/ranks/ranks_parts.h"
+/* What ranks must have in common: their images would differ otherwise. */
+#include "job/ranks/ranks_internal.h"
 
 #include <stdio.h>
 #include <string.h>

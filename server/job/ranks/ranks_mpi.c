@@ -4,7 +4,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "job/ranks/ranks_parts.h"
+#include "job/ranks/ranks_internal.h"
 
 #include <mpi.h>
 #include <pthread.h>
@@ -116,7 +116,7 @@ static void follow_sent(struct ranks *r, MPI_Request *q, atomic_bool *under_way)
     pthread_mutex_unlock(&r->sent_lock);
 }
 
-/* Each look costs some 12 microseconds of a processor that lights pictures. */
+/* Each look costs some 12 microseconds of a processor that lights images. */
 static long pause_ns(struct ranks *r, double calm_s)
 {
     const double calm_ns = 1e9 * calm_s / CALM_PARTS;

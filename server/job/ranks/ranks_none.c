@@ -1,6 +1,6 @@
 #include "job/ranks/ranks.h"
 
-#include "job/ranks/ranks_parts.h"
+#include "job/ranks/ranks_internal.h"
 
 #pragma GCC diagnostic ignored "-Wunused-parameter" /* nothing is done with them */
 

@@ -1,5 +1,5 @@
 /* Ranks other than 0. */
-#include "job/team/team_parts.h"
+#include "job/team/team_internal.h"
 
 #include "base/clock.h"
 #include "base/half.h"
@@ -20,7 +20,7 @@ static void pack_light(const struct team *t, const float *lo, size_t values, uin
         to[i] = half_round(lo[i] < 65504.0f ? lo[i] : 65504.0f);
 }
 
-static enum err take_sky(struct team *t, const struct order *order, const struct picture_passes *passes,
+static enum err take_sky(struct team *t, const struct order *order, const struct image_passes *passes,
                          const struct plan *plan)
 {
     const size_t cuts = cuts_bytes(t);
@@ -33,7 +33,7 @@ static enum err take_sky(struct team *t, const struct order *order, const struct
         e = transport_unpack_sky(cache, t->in.at + cuts + order->faces, order->sky,
                                  relighter_indirect(t->desc.relighter, passes, plan), t->environment);
     }
-    if (!e && order->faces) /* last: the unpacking clears the texels that were bright in the picture before */
+    if (!e && order->faces) /* last: the unpacking clears the texels that were bright in the image before */
         environment_set_faces(t->environment, (const float *)(const void *)(t->in.at + cuts));
     return e;
 }
@@ -53,10 +53,10 @@ static void prepare(struct team *t, const struct order *order)
         log_error("%s", why.text);
 }
 
-/* Lights this rank's part and sends it, or in its stead *failed, by which rank 0 ends the picture. */
+/* Lights this rank's part and sends it, or in its stead *failed, by which rank 0 ends the image. */
 static enum err serve_one(struct team *t, const struct order *order, float *lo, enum err *failed)
 {
-    struct picture_passes passes;
+    struct image_passes passes;
     struct relight_stats stats = { 0 };
 
     memcpy(t->cuts, t->in.at, cuts_bytes(t));

@@ -1,19 +1,19 @@
-/* Who lights which packets of a picture, and which packets a rank therefore keeps. */
-#include "job/team/team_parts.h"
+/* Who lights which packets of an image, and which packets a rank therefore keeps. */
+#include "job/team/team_internal.h"
 
 #include "light/frame/part.h"
 
 #include <math.h>
 
-#define SMOOTH 0.1           /* weight of a picture in a rank's measured speed, */
+#define SMOOTH 0.1           /* weight of an image in a rank's measured speed, */
 #define SOON 0.4             /* and while shares are not settled */
 #define WAITED 2e-3          /* seconds: longer than a poll */
-#define REMEMBERED 0.9       /* per picture, of the time that answers spent on their way */
+#define REMEMBERED 0.9       /* per image, of the time that answers spent on their way */
 #define LEAST 0.02           /* of the fastest rank's speed: with no share at all, it would never be measured again */
 #define BLOCK_PACKETS 4      /* at most, of a block of the cache */
 #define MARGIN (1.0 / 128.0) /* a rank keeps the packets of its share and this part of a mean share on either side, */
 #define MARGIN_MIN 8         /* and some packets, since parts begin at blocks; */
-#define MARGIN_FIRST 0.75    /* this part during the first pictures, in which the shares are measured */
+#define MARGIN_FIRST 0.75    /* this part during the first images, in which the shares are measured */
 #define HANDED 0.45 /* of a mean share, with two ranks: by how much memory may exceed the initial share; with more */
 #define HANDED_MIN 0.02 /* it falls by the cube of the others, to this, since memory is to fall as 1/N */
 #define RANGE 2.0       /* initial shares differ from the mean by 2^-RANGE .. 2^RANGE, */
@@ -27,7 +27,7 @@ static double handed(const struct team *t)
     return fmax(HANDED_MIN, HANDED / (others * others * others));
 }
 
-/* Two ranks have the memory for cuts that follow another load than that of the first pictures. */
+/* Two ranks have the memory for cuts that follow another load than that of the first images. */
 static uint32_t margin_of(const struct team *t, bool settled)
 {
     const double margin = settled ? fmax(MARGIN, handed(t) / 3.0) : MARGIN_FIRST;
@@ -39,13 +39,13 @@ static uint32_t margin_of(const struct team *t, bool settled)
 
 static void choose_kept(struct team *t)
 {
-    const struct set *set = relighter_set(t->desc.relighter);
+    const struct prepared_scene *set = relighter_set(t->desc.relighter);
     const uint32_t packets = packets_of(t), margin = margin_of(t, t->settled);
     const uint32_t first = t->shares[t->own], end = t->shares[t->own + 1];
 
     t->share.first = first > margin ? first - margin : 0;
     t->share.end = end + margin < packets ? end + margin : packets;
-    if (t->own == 0 && set->scene->ground.radius > 0.0f) /* whose pictures it lights alone */
+    if (t->own == 0 && set->scene->ground.radius > 0.0f) /* whose images it lights alone */
         t->share.end = 0;
 }
 
@@ -83,7 +83,7 @@ enum err team_settle(struct team *t)
 
 void team_share_out(struct team *t)
 {
-    const struct set *set = relighter_set(t->desc.relighter);
+    const struct prepared_scene *set = relighter_set(t->desc.relighter);
     const uint32_t packets = set->gbuffer->packet_count;
     double mean = 0.0, whole = 0.0, at = 0.0;
 

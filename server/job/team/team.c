@@ -1,4 +1,4 @@
-#include "job/team/team_parts.h"
+#include "job/team/team_internal.h"
 
 #include "base/cancel.h"
 #include "base/clock.h"
@@ -12,7 +12,7 @@
 #include <inttypes.h>
 #include <string.h>
 
-#define FIRST 12 /* pictures with a cache in which shares are measured */
+#define FIRST 12 /* images with a cache in which shares are measured */
 
 /* ---- Light in messages ---- */
 
@@ -58,7 +58,7 @@ static int turn_of(const struct team *t, const struct dealt *d)
     return d == &t->dealt[1];
 }
 
-/* Begins to send what the other ranks need of a picture. */
+/* Begins to send what the other ranks need of an image. */
 static enum err send_order(struct team *t, struct dealt *d, const struct transport *cache,
                            const struct transport_indirect *indirect)
 {
@@ -105,13 +105,13 @@ static enum err expect_all(struct team *t, struct dealt *d)
     return e;
 }
 
-static bool has_paths(const struct picture_passes *p)
+static bool has_paths(const struct image_passes *p)
 {
     return p->eye[0].paths > 0 || p->eye[1].paths > 0;
 }
 
-/* Orders a picture from the other ranks; a cache then has its sky. */
-static enum err deal(struct team *t, struct dealt *d, const struct environment *e, const struct picture_passes *passes,
+/* Orders an image from the other ranks; a cache then has its sky. */
+static enum err deal(struct team *t, struct dealt *d, const struct environment *e, const struct image_passes *passes,
                      const struct relight_stats *stats)
 {
     struct transport *cache = relighter_transport(t->desc.relighter, passes);
@@ -140,7 +140,7 @@ static enum err deal(struct team *t, struct dealt *d, const struct environment *
 }
 
 /* Copies the parts of other ranks to their places, except the packets that rank 0 has lit itself. since: the end of the
- * picture before. */
+ * image before. */
 static enum err take_all(struct team *t, const struct dealt *d, const struct packet_list *own, float *lo, double since,
                          struct relight_stats *stats)
 {
@@ -171,9 +171,9 @@ static enum err take_all(struct team *t, const struct dealt *d, const struct pac
     return e;
 }
 
-/* With a cache that rank 0 has computed beside pictures. */
+/* With a cache that rank 0 has computed beside images. */
 static enum err alone(struct team *t, struct relighter *r, const struct environment *e,
-                      const struct picture_passes *passes, float *lo, struct relight_stats *stats)
+                      const struct image_passes *passes, float *lo, struct relight_stats *stats)
 {
     const struct light_part all = { 0, packets_of(t), TRANSPORT_NARROW_OWN, false };
 
@@ -183,8 +183,8 @@ static enum err alone(struct team *t, struct relighter *r, const struct environm
     return result;
 }
 
-/* After the first pictures with a cache: all ranks get new shares, between
- * this picture and the next. */
+/* After the first images with a cache: all ranks get new shares, between
+ * this image and the next. */
 static enum err settle_all(struct team *t, const struct transport *cache)
 {
     const int turn = !t->turn;
@@ -201,13 +201,13 @@ static enum err settle_all(struct team *t, const struct transport *cache)
     return e ? e : team_settle(t);
 }
 
-/* Orders the next picture, if it is known. What fails here fails again when it is made, and is reported then. */
+/* Orders the next image, if it is known. What fails here fails again when it is made, and is reported then. */
 static void look_ahead(struct team *t)
 {
     struct relighter *r = t->desc.relighter;
     const struct environment *e;
     const struct relight_desc *request;
-    struct picture_passes passes;
+    struct image_passes passes;
     struct relight_stats stats;
 
     if (!t->next || !t->next(t->next_context, &e, &request) || relighter_describe(r, e, request, &passes, &stats))
@@ -218,7 +218,7 @@ static void look_ahead(struct team *t)
     (void)failed;
 }
 
-static bool is_ordered(const struct dealt *d, const struct environment *e, const struct picture_passes *passes,
+static bool is_ordered(const struct dealt *d, const struct environment *e, const struct image_passes *passes,
                        const struct relight_stats *stats)
 {
     struct light_work work;
@@ -228,14 +228,14 @@ static bool is_ordered(const struct dealt *d, const struct environment *e, const
     return d->open && d->e == e && memcmp(&work, &d->order.work, sizeof(work)) == 0;
 }
 
-/* Receives the light of a picture, or of one that is not made after all. */
+/* Receives the light of an image, or of one that is not made after all. */
 static enum err receive(struct team *t, struct dealt *d)
 {
     d->open = false;
     return ranks_receive(t->desc.ranks, turn_of(t, d), t->waited);
 }
 
-/* Rank 0's speed: of its part alone if the others wait for its other work, and of all it does between two pictures if
+/* Rank 0's speed: of its part alone if the others wait for its other work, and of all it does between two images if
  * they have an order meanwhile. */
 static void learn_own(struct team *t, bool early, uint32_t packets, double part_s, double busy_until)
 {
@@ -245,9 +245,9 @@ static void learn_own(struct team *t, bool early, uint32_t packets, double part_
     team_learn(t, 0, packets, early ? busy_until - t->end_s : part_s);
 }
 
-/* Lights the shade points of a picture on all ranks. */
+/* Lights the shade points of an image on all ranks. */
 static enum err points(void *context, struct relighter *r, const struct environment *e,
-                       const struct picture_passes *passes, float *lo, struct relight_stats *stats)
+                       const struct image_passes *passes, float *lo, struct relight_stats *stats)
 {
     static const struct packet_list nothing = { NULL, 0 };
     struct team *t = context;
@@ -303,7 +303,7 @@ void team_look_ahead(struct team *t, team_next *next, void *context)
  * points. */
 static enum err compare_sets(const struct team *t, struct reason *why)
 {
-    const struct set *set = relighter_set(t->desc.relighter);
+    const struct prepared_scene *set = relighter_set(t->desc.relighter);
     struct digest own = { { 0 } }, first;
 
     digest_points(&own, set->gbuffer);

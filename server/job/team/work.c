@@ -21,7 +21,7 @@ struct relight_desc light_work_request(const struct relight_desc *request)
     return d;
 }
 
-void light_work_pack(const struct picture_passes *passes, const struct relight_stats *stats, struct light_work *work)
+void light_work_pack(const struct image_passes *passes, const struct relight_stats *stats, struct light_work *work)
 {
     *work = (struct light_work){ .by_cache = passes->cached != NULL,
                                  .eye_left = passes->eye[1].only != NULL,
@@ -43,10 +43,10 @@ void light_work_pack(const struct picture_passes *passes, const struct relight_s
     }
 }
 
-enum err light_work_unpack(struct relighter *r, const struct light_work *work, struct picture_passes *passes,
+enum err light_work_unpack(struct relighter *r, const struct light_work *work, struct image_passes *passes,
                            struct relight_stats *stats)
 {
-    *passes = (struct picture_passes){ .cached = work->by_cache ? &work->cached : NULL,
+    *passes = (struct image_passes){ .cached = work->by_cache ? &work->cached : NULL,
                                        .direct = work->direct,
                                        .eye = { work->eye[0], work->eye[1] } };
     *stats = (struct relight_stats){ .plan = work->plan };

@@ -14,8 +14,8 @@ struct light_work {
 
 /* Pack the passes and *stats in one process and unpack them in another, where *work must live as long as *passes.
  * light_work_unpack: ERR_IO if the passes need a cache and this process has none. */
-void light_work_pack(const struct picture_passes *passes, const struct relight_stats *stats, struct light_work *work);
-MUST_CHECK enum err light_work_unpack(struct relighter *r, const struct light_work *work, struct picture_passes *passes,
+void light_work_pack(const struct image_passes *passes, const struct relight_stats *stats, struct light_work *work);
+MUST_CHECK enum err light_work_unpack(struct relighter *r, const struct light_work *work, struct image_passes *passes,
                                       struct relight_stats *stats);
 
 /* Copies a request without its pointers. */

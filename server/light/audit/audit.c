@@ -11,7 +11,7 @@
 #define CLEARLY 6.0        /* variances */
 #define ROUND 64           /* pixels */
 #define SHARE_EVEN 0.25    /* of the draws that are even over all pixels, so that none is impossible; */
-#define SHARE_SCATTER 0.35 /* of an unfiltered picture, that follow its scatter, and */
+#define SHARE_SCATTER 0.35 /* of an unfiltered image, that follow its scatter, and */
 #define SHARE_LONELY 0.4   /* that follow single pixels unlike those around; */
 #define SHARE_CALM 0.15    /* of a filtered one, that follow its scatter, and */
 #define SHARE_HALVES 0.2   /* each, that follow what its halves say of the filter's error */
@@ -26,7 +26,7 @@
 
 struct answer { /* of one pixel */
     uint32_t pixel;
-    float share; /* of its error in the picture's: 1 / (N p) */
+    float share; /* of its error in the image's: 1 / (N p) */
     struct audit_light light[AUDIT_PARTS];
 };
 
@@ -36,7 +36,7 @@ struct sums {                                      /* over answers k of weights 
 };
 
 struct audit {
-    const struct audit_desc *desc; /* of the picture, and so is rgb */
+    const struct audit_desc *desc; /* of the image, and so is rgb */
     const float *rgb;
     uint32_t width, height, pixels;
     double soft;           /* 1e-2 m^2 */
@@ -44,10 +44,10 @@ struct audit {
     struct answer *answer; /* [KEPT], of this key */
     uint32_t count;
     uint64_t key, rounds;
-    struct sums own, past; /* of the last picture's judged answers; of those that pictures before had */
+    struct sums own, past; /* of the last image's judged answers; of those that images before had */
     bool mapped, sized;    /* sums are those of this key, or of one like it; paths are as many as needed */
     double noise;          /* mean relative variance of one path */
-    double usual;          /* the picture's error as estimated before: that of d at a pixel of which nothing is known */
+    double usual;          /* the image's error as estimated before: that of d at a pixel of which nothing is known */
     uint32_t paths;
 };
 
@@ -90,7 +90,7 @@ void audit_forget(struct audit *a)
 
 /* ---- Where the error may be ---- */
 
-/* The squared scatter of a picture around a pixel, relative as relMSE is. */
+/* The squared scatter of an image around a pixel, relative as relMSE is. */
 static double scatter_at_pixel(const struct audit *a, uint32_t pixel)
 {
     const uint32_t width = a->width, height = a->height, x = pixel % width, y = pixel / width;
@@ -217,7 +217,7 @@ static void around_all_pixels(const struct audit *a, const double *of, double *o
         out[i] = around(a, of, i % a->width, i / a->width);
 }
 
-/* The shares of a filtered picture that follow its halves. */
+/* The shares of a filtered image that follow its halves. */
 static void add_halves(struct audit *a, double *own, double *wide)
 {
     at_all_pixels(a, mean_off, own);
@@ -298,7 +298,7 @@ static double weight_at(const struct audit *a, double x, double variance)
 }
 
 /* The share of the truth that x takes from y, the mean of the estimates but i and j, and the rest from d: by the
- * variances of y, as its paths show it, and of d, which is that of the picture's mean error, or what d and y tell. */
+ * variances of y, as its paths show it, and of d, which is that of the image's mean error, or what d and y tell. */
 static double share_of_mean(const struct audit *a, const struct answer *of, int i, int j, double y[3])
 {
     const float *d = a->rgb + 3 * (size_t)of->pixel;
@@ -317,7 +317,7 @@ static double share_of_mean(const struct audit *a, const struct answer *of, int 
     return own > 0.0 ? own / (own + noise) : 0.0;
 }
 
-/* A pixel's error in this picture, relative as relMSE is: the mean over all pairs of estimates. */
+/* A pixel's error in this image, relative as relMSE is: the mean over all pairs of estimates. */
 static double judge(const struct audit *a, const struct answer *of)
 {
     const float *shown = a->rgb + 3 * (size_t)of->pixel;
@@ -433,7 +433,7 @@ static void find_error(struct audit *a, struct audit_result *out)
 }
 
 /* Of the first round, whose rays are given: as many paths as bring the variance of one estimate to four times the
- * picture's squared error, that of their mean to once: with fewer their noise dominates, with more the scatter of
+ * image's squared error, that of their mean to once: with fewer their noise dominates, with more the scatter of
  * errors over pixels. But no more than LEAST pixels can have. */
 static uint32_t paths_for(const struct audit *a, double error, uint64_t rays)
 {
@@ -455,7 +455,7 @@ static uint32_t first_paths(const struct audit_desc *desc)
     return n;
 }
 
-/* Takes over what a picture before tells of this one. */
+/* Takes over what an image before tells of this one. */
 static void follow(struct audit *a, const struct audit_desc *desc)
 {
     const struct sums before = a->past;
@@ -506,7 +506,7 @@ static void state(const struct audit_desc *desc, struct audit_result *out)
         out->at_most = error + 2.0 * fmax(out->deviation, error * unmet);
 }
 
-void audit_picture(struct audit *a, const struct audit_desc *desc, const float *rgb, struct audit_result *out)
+void audit_image(struct audit *a, const struct audit_desc *desc, const float *rgb, struct audit_result *out)
 {
     begin(a, desc, rgb);
     *out = (struct audit_result){ .rays = 0 };

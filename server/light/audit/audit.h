@@ -12,7 +12,7 @@
  * as an error. The result is the mean over all pairs and draws, and the scatter over the draws gives its standard
  * error.
  *
- * The estimates tell of t, not of d: under the same sky they are kept, and judge the next pictures too. One thread of
+ * The estimates tell of t, not of d: under the same sky they are kept, and judge the next images too. One thread of
  * control. All random numbers follow from the seed, the key and the number of rounds since audit_forget. */
 #pragma once
 
@@ -36,15 +36,15 @@ struct audit_desc {
     void (*trace)(void *self, const struct audit_question *q, struct audit_light *out); /* on all OpenMP threads */
     void *self;
     const float
-        *half[2]; /* float[height][width][3]: two independent pictures of which d is a filtered mean; NULL: none */
+        *half[2]; /* float[height][width][3]: two independent images of which d is a filtered mean; NULL: none */
     const uint8_t *mask; /* [height][width]: 0 where d has no error; NULL: nowhere */
     uint64_t key;        /* of the truth: skies, and classes of light, with the same key have the same */
-    double like_last;    /* 0..1: how much answers to the last picture, of another truth, tell of this one's error */
+    double like_last;    /* 0..1: how much answers to the last image, of another truth, tell of this one's error */
     bool bounds;         /* state upper bounds only */
     double uneven; /* the variance of errors over draws, relative to their mean's square, that a bound allows for */
     double hidden; /* at least so many times the error found count as one standard error: what no guide points at */
     uint64_t seed;
-    uint64_t rays;             /* no round begins after so many of this picture */
+    uint64_t rays;             /* no round begins after so many of this image */
     const atomic_bool *cancel; /* may be NULL */
 };
 
@@ -52,9 +52,9 @@ struct audit_result {
     double error, deviation; /* relMSE, and its standard error; both 0: no pixel was drawn */
     double states;           /* the error as stated; 0: not known to AUDIT_DOUBT */
     double at_most;          /* if it is not known, but bounded: error plus two standard errors; else 0 */
-    bool older;              /* answers to pictures before this one count */
+    bool older;              /* answers to images before this one count */
     uint32_t pixels, paths;  /* judged, older ones by their weight; paths of each estimate of the last round */
-    uint64_t rays;           /* traced for this picture */
+    uint64_t rays;           /* traced for this image */
 };
 
 /* The largest standard error of a stated one, relative to it. Rounds end at AUDIT_ENOUGH. */
@@ -67,8 +67,8 @@ struct audit;
 struct audit *audit_create(uint32_t width, uint32_t height);
 void audit_destroy(struct audit *a); /* NULL is allowed */
 
-/* The next picture has another truth, or must not depend on those before. */
+/* The next image has another truth, or must not depend on those before. */
 void audit_forget(struct audit *a);
 
 /* rgb: d, float[height][width][3]. */
-void audit_picture(struct audit *a, const struct audit_desc *desc, const float *rgb, struct audit_result *out);
+void audit_image(struct audit *a, const struct audit_desc *desc, const float *rgb, struct audit_result *out);

@@ -3,13 +3,13 @@
 #include <math.h>
 #include <string.h>
 
-#define LEAST 15000.0    /* rays that an audit is worth: live pictures that cost little pay for one together */
-#define ALWAYS 500000.0  /* for a picture that is not live */
+#define LEAST 15000.0    /* rays that an audit is worth: live images that cost little pay for one together */
+#define ALWAYS 500000.0  /* for an image that is not live */
 #define SETTLED 200000.0 /* for the first live one by a finished cache */
-#define EACH 4000.0      /* each live picture pays, two milliseconds of a processor, */
+#define EACH 4000.0      /* each live image pays, two milliseconds of a processor, */
 #define MOST 200000.0    /* and so much is saved up */
 #define RAY_S 1e-6       /* processor time of a ray, before any was timed */
-#define NEARLY 0.1       /* of a sky's light may move between two pictures that have anything to tell of each other */
+#define NEARLY 0.1       /* of a sky's light may move between two images that have anything to tell of each other */
 
 uint64_t purse_pay(struct purse *p, bool live, bool settled, double rays)
 {

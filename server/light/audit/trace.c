@@ -91,16 +91,16 @@ static void trace_path(const struct audit_world *w, const struct audit_question 
         rgb[c] *= (double)e->weight[c] / p;
 }
 
-/* The sky's part of a pixel, as the picture has it. */
+/* The sky's part of a pixel, as the image has it. */
 static void add_sky(const struct audit_world *w, uint32_t pixel, double rgb[3])
 {
     const struct gbuffer *g = w->gbuffer;
 
-    for (uint32_t k = g->escape_first[pixel]; k < g->escape_first[pixel + 1]; k++) {
+    for (uint32_t k = g->miss_first[pixel]; k < g->miss_first[pixel + 1]; k++) {
         float sky[3];
-        environment_lookup_wide(w->environment, g->escapes[k].direction, g->escapes[k].width, sky);
+        environment_lookup_wide(w->environment, g->misses[k].direction, g->misses[k].width, sky);
         for (int c = 0; c < 3; c++)
-            rgb[c] += (double)(g->escapes[k].weight[c] * sky[c]);
+            rgb[c] += (double)(g->misses[k].weight[c] * sky[c]);
     }
 }
 

@@ -2,7 +2,7 @@
 #include "base/mem.h"
 #include "light/cache/cache_share.h"
 #include "light/cache/memory.h"
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 
 #include <assert.h>
 #include <math.h>

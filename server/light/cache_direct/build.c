@@ -8,7 +8,7 @@
 #include "light/cache/cache_share.h"
 #include "light/cache/memory.h"
 #include "light/cache_direct/live.h"
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 
 #include <math.h>
 #include <omp.h>

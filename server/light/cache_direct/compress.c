@@ -1,7 +1,7 @@
 /* Compresses one row of a block to as few bytes as the tolerance allows. */
 #include "base/half.h"
 #include "base/mem.h"
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 
 #include <cblas.h>
 #include <lapacke.h>

@@ -3,7 +3,7 @@
 #include "base/mem.h"
 #include "light/cache/cache_share.h"
 #include "light/cache/memory.h"
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 #include "scene/geometry/scene_digest.h"
 
 #include <math.h>

@@ -1,8 +1,9 @@
-/* The loops of the cache of direct light (light/cache_direct/parts.h): compiled once per CPU level, see CMakeLists.txt.
+/* The loops of the cache of direct light (light/cache_direct/internal.h): compiled once per CPU level, see
+ * CMakeLists.txt.
  */
 #include "base/vec.h"
 #include "light/cache_direct/half_lanes.h"
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 #include "light/cache_direct/trace.h"
 #include "scene/surface/lobes.h"
 #include "sky/tables/pyramid.h"
@@ -238,7 +239,7 @@ static inline void look_level(const struct pyramid *p, uint32_t level, const flo
 }
 
 /* The lower part along a gaze, interpolated, because steps between texels would be visible as the sky turns. Where the
- * pyramid's level contains some of the bright part, the lower part is interpolated from texels instead. */
+ * pyramid's level contains some of the sun, the lower part is interpolated from texels instead. */
 static inline void look_low(const struct transport_look *look, const float w[3], float density, float rgb[3])
 {
     const struct environment *e = look->environment;
@@ -260,7 +261,7 @@ static inline void look_low(const struct transport_look *look, const float w[3],
     memcpy(rgb, &sum, 3 * sizeof(*rgb));
 }
 
-/* The lower part, plus the balance heuristic's share of the bright part in the texel that contains w. */
+/* The lower part, plus the balance heuristic's share of the sun in the texel that contains w. */
 static inline void look_at(const struct transport_look *look, const float w[3], float density, float rgb[3])
 {
     const struct environment *e = look->environment;
@@ -269,8 +270,8 @@ static inline void look_at(const struct transport_look *look, const float w[3], 
     look_low(look, w, density, rgb);
     if (!(look->level < INFINITY))
         return;
-    const float *axis = look->bright->axis; /* spares most gazes the texel, which is outside the near caches */
-    if (w[0] * axis[0] + w[1] * axis[1] + w[2] * axis[2] < look->bright->cosine)
+    const float *axis = look->sun->axis; /* spares most gazes the texel, which is outside the near caches */
+    if (w[0] * axis[0] + w[1] * axis[1] + w[2] * axis[2] < look->sun->cosine)
         return;
     const uint32_t at = cube_texel(e->n, w, &u, &v);
     const struct texel *x = &e->texels[at];
@@ -304,7 +305,7 @@ static void gaze(const struct transport_look *look, const struct shade_packet *p
     }
 }
 
-extern const struct bright_kernels KERNEL(bright_kernels);
+extern const struct sun_kernels KERNEL(sun_kernels);
 extern const struct transport_kernels KERNEL(transport_kernels);
 const struct transport_kernels
-    KERNEL(transport_kernels) = { look, trace, cells, expand, aim, gaze, &KERNEL(bright_kernels), widen };
+    KERNEL(transport_kernels) = { look, trace, cells, expand, aim, gaze, &KERNEL(sun_kernels), widen };

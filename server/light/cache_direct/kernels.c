@@ -1,4 +1,4 @@
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 
 extern const struct transport_kernels transport_kernels_baseline, transport_kernels_v3, transport_kernels_v4;
 

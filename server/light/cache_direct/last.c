@@ -21,7 +21,7 @@ struct transport_last {
     bool moved;              /* because all of the sky counts as changed */
     uint64_t changed[WORDS]; /* chunks of the sky that differ from the last frame's */
     _Alignas(64) float cells[SKY_CHUNKS][3][SKY_CHUNK];
-    struct transport_bright bright; /* with `values` as its arrays */
+    struct transport_sun sun; /* with `values` as its arrays */
     float *values;
     uint32_t capacity;
     const void *indirect; /* whose; NULL: none */
@@ -29,7 +29,7 @@ struct transport_last {
     uint32_t coefficient_count;
     uint64_t (*sees)[WORDS]; /* [block_count]: chunks of the sky that reach the block */
     uint8_t *states;         /* [block_count]: bits of enum state */
-    float *lit, *shone;      /* [packet_count][3][PACKET]: by cells and gazes; by the bright part. NULL until needed */
+    float *lit, *shone;      /* [packet_count][3][PACKET]: by cells and gazes; by the sun. NULL until needed */
 };
 
 void transport_last_destroy(struct transport_last *l)
@@ -47,7 +47,7 @@ void transport_last_destroy(struct transport_last *l)
 
 /* ---- What has changed ---- */
 
-static bool same_samples(const struct transport_bright *a, const struct transport_bright *b)
+static bool same_samples(const struct transport_sun *a, const struct transport_sun *b)
 {
     const float *const ours[] = { a->x, a->y, a->z, a->r, a->g, a->b, a->density }, *const theirs[] = {
         b->x, b->y, b->z, b->r, b->g, b->b, b->density
@@ -86,12 +86,12 @@ static uint32_t compare_cells(struct transport_last *l, const struct sky_split *
 
 /* ---- This frame's inputs, for the next one ---- */
 
-static bool keep_samples(struct transport_last *l, const struct transport_bright *b)
+static bool keep_samples(struct transport_last *l, const struct transport_sun *b)
 {
     const uint32_t count = b->strata * TRANSPORT_VARIANTS;
     const float *const from[] = { b->x, b->y, b->z, b->r, b->g, b->b, b->density };
-    float **const to[] = { &l->bright.x, &l->bright.y, &l->bright.z,      &l->bright.r,
-                           &l->bright.g, &l->bright.b, &l->bright.density };
+    float **const to[] = { &l->sun.x, &l->sun.y, &l->sun.z,      &l->sun.r,
+                           &l->sun.g, &l->sun.b, &l->sun.density };
 
     if (count > l->capacity) {
         mem_free(l->values);
@@ -101,7 +101,7 @@ static bool keep_samples(struct transport_last *l, const struct transport_bright
             return false;
         l->capacity = count;
     }
-    l->bright = *b;
+    l->sun = *b;
     for (int k = 0; k < 7; k++) {
         *to[k] = l->values + (size_t)k * l->capacity;
         if (count)
@@ -165,15 +165,15 @@ bool transport_last_begin(struct transport *t, const struct transport_indirect *
     if (!l && !(l = t->last = mem_alloc(1, sizeof(*l))))
         return false;
     const uint32_t changed = compare_cells(l, &t->sky);
-    const bool same_bright = same_samples(&t->bright, &l->bright), same_rest = same_indirect(l, indirect);
-    const bool alike = (same_rest && 2 * changed < SKY_CHUNKS) || (same_bright && t->bright.strata > 0);
+    const bool same_sun = same_samples(&t->sun, &l->sun), same_rest = same_indirect(l, indirect);
+    const bool alike = (same_rest && 2 * changed < SKY_CHUNKS) || (same_sun && t->sun.strata > 0);
 
     l->moved = !same_rest;
     l->lit_all = !l->known || !same_rest;
-    l->shone_all = !l->known || !same_bright;
+    l->shone_all = !l->known || !same_sun;
     l->known = false;
     memcpy(l->cells, t->sky.cells, sizeof(l->cells));
-    return keep_samples(l, &t->bright) && keep_indirect(l, indirect) && alike && reserve_light(l, t);
+    return keep_samples(l, &t->sun) && keep_indirect(l, indirect) && alike && reserve_light(l, t);
 }
 
 void transport_last_end(struct transport *t, bool complete)
@@ -186,7 +186,7 @@ void transport_last_end(struct transport *t, bool complete)
 unsigned transport_last_work(const struct transport *t, uint32_t block)
 {
     const struct transport_last *l = t->last;
-    const unsigned bright = l->shone_all ? TRANSPORT_WORK_BRIGHT : 0;
+    const unsigned sun = l->shone_all ? TRANSPORT_WORK_SUN : 0;
     uint8_t *state = &l->states[block];
     uint64_t reached = 0;
 
@@ -196,7 +196,7 @@ unsigned transport_last_work(const struct transport *t, uint32_t block)
     const bool changed = l->moved || reached || t->blocks[block].narrow, again = changed && *state & CHANGING;
     const bool computed = changed || l->lit_all || !(*state & HELD);
     *state = (uint8_t)((*state & SHINES) | (changed ? CHANGING : 0) | (again ? 0 : HELD));
-    return bright | (computed ? TRANSPORT_WORK_CELLS : 0) | (again ? TRANSPORT_LAST_PASSING : 0);
+    return sun | (computed ? TRANSPORT_WORK_CELLS : 0) | (again ? TRANSPORT_LAST_PASSING : 0);
 }
 
 float *transport_last_lit(const struct transport *t, uint32_t packet)

@@ -1,7 +1,7 @@
 /* Reuses the parts of the last frame that have not changed (last.c). Private to transport/. One frame at a time. */
 #pragma once
 
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 
 /* Compares the sky of t, split and drawn, and the coefficients of indirect light with the last frame's, and keeps them.
  * True: the frame lights its blocks by way of transport_last_lit and _shone, whose parts without transport_last_work

@@ -1,7 +1,7 @@
 #include "light/cache_direct/live.h"
 
 #include "base/mem.h"
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 
 #include <pthread.h>
 

@@ -1,21 +1,21 @@
-/* Packs a frame's sky for another process: cells, coefficients of indirect light and the bright texels, some 20 KB
+/* Packs a frame's sky for another process: cells, coefficients of indirect light and the texels of the sun, some 20 KB
  * instead of 4.7 MB of faces. */
 #include "light/cache_direct/transport.h"
 
 #include "base/mem.h"
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 
 #include <string.h>
 
-/* Followed by the indirect light's coefficients and the bright texels. */
+/* Followed by the indirect light's coefficients and the texels of the sun. */
 struct head {
     float level;
-    uint32_t n, bright, indirect;
-    double bright_energy, total_energy;
+    uint32_t n, sun, indirect;
+    double sun_energy, total_energy;
     float cells[SKY_CHUNKS][3][SKY_CHUNK];
 };
 
-struct bright_texel {
+struct sun_texel {
     struct texel texel;
     uint32_t at, padding;
     double cdf;
@@ -26,14 +26,14 @@ static uint32_t count_of(const struct transport_indirect *indirect)
     return indirect ? indirect->sky_count : 0;
 }
 
-static size_t bytes_of(uint32_t bright, uint32_t indirect)
+static size_t bytes_of(uint32_t sun, uint32_t indirect)
 {
-    return sizeof(struct head) + bright * sizeof(struct bright_texel) + indirect * sizeof(float);
+    return sizeof(struct head) + sun * sizeof(struct sun_texel) + indirect * sizeof(float);
 }
 
 size_t transport_sky_bytes(const struct transport *t, const struct transport_indirect *indirect)
 {
-    return bytes_of(t->sky.bright_count, count_of(indirect));
+    return bytes_of(t->sky.sun_count, count_of(indirect));
 }
 
 void transport_pack_sky(const struct transport *t, const struct environment *e,
@@ -42,16 +42,16 @@ void transport_pack_sky(const struct transport *t, const struct environment *e,
     const struct sky_split *s = &t->sky;
     struct head h = { .level = s->level,
                       .n = s->n,
-                      .bright = s->bright_count,
+                      .sun = s->sun_count,
                       .indirect = count_of(indirect),
-                      .bright_energy = s->bright_energy,
+                      .sun_energy = s->sun_energy,
                       .total_energy = e->total_energy };
 
     memcpy(h.cells, s->cells, sizeof(h.cells));
     memcpy(out, &h, sizeof(h));
     out += sizeof(h);
-    for (uint32_t k = 0; k < h.bright; k++, out += sizeof(struct bright_texel)) {
-        const struct bright_texel one = { e->texels[s->bright[k]], s->bright[k], 0, s->bright_cdf[k] };
+    for (uint32_t k = 0; k < h.sun; k++, out += sizeof(struct sun_texel)) {
+        const struct sun_texel one = { e->texels[s->sun[k]], s->sun[k], 0, s->sun_cdf[k] };
         memcpy(out, &one, sizeof(one));
     }
     if (h.indirect > 0)
@@ -60,14 +60,14 @@ void transport_pack_sky(const struct transport *t, const struct environment *e,
 
 static enum err reserve(struct sky_split *s, uint32_t count)
 {
-    if (count <= s->bright_capacity)
+    if (count <= s->sun_capacity)
         return ERR_OK;
-    mem_free(s->bright);
-    mem_free(s->bright_cdf);
-    s->bright = mem_alloc(count, sizeof(*s->bright));
-    s->bright_cdf = mem_alloc(count, sizeof(*s->bright_cdf));
-    s->bright_capacity = s->bright && s->bright_cdf ? count : 0;
-    return s->bright_capacity ? ERR_OK : ERR_NOMEM;
+    mem_free(s->sun);
+    mem_free(s->sun_cdf);
+    s->sun = mem_alloc(count, sizeof(*s->sun));
+    s->sun_cdf = mem_alloc(count, sizeof(*s->sun_cdf));
+    s->sun_capacity = s->sun && s->sun_cdf ? count : 0;
+    return s->sun_capacity ? ERR_OK : ERR_NOMEM;
 }
 
 enum err transport_unpack_sky(struct transport *t, const uint8_t *bytes, size_t size,
@@ -80,29 +80,29 @@ enum err transport_unpack_sky(struct transport *t, const uint8_t *bytes, size_t 
     if (size < sizeof(h))
         return ERR_FORMAT;
     memcpy(&h, bytes, sizeof(h));
-    if (h.n != e->n || h.bright > texels || h.indirect != count_of(indirect) || size != bytes_of(h.bright, h.indirect))
+    if (h.n != e->n || h.sun > texels || h.indirect != count_of(indirect) || size != bytes_of(h.sun, h.indirect))
         return ERR_FORMAT;
-    for (uint32_t k = 0; k < s->bright_count; k++) /* those of the frame before */
-        e->texels[s->bright[k]] = (struct texel){ .r = 0.0f };
-    s->bright_count = 0;
-    if (reserve(s, h.bright))
+    for (uint32_t k = 0; k < s->sun_count; k++) /* those of the frame before */
+        e->texels[s->sun[k]] = (struct texel){ .r = 0.0f };
+    s->sun_count = 0;
+    if (reserve(s, h.sun))
         return ERR_NOMEM;
     memcpy(s->cells, h.cells, sizeof(h.cells));
     s->level = h.level;
     s->n = h.n;
-    s->bright_energy = h.bright_energy;
+    s->sun_energy = h.sun_energy;
     e->total_energy = h.total_energy;
     bytes += sizeof(h);
-    for (uint32_t k = 0; k < h.bright; k++, bytes += sizeof(struct bright_texel)) {
-        struct bright_texel one;
+    for (uint32_t k = 0; k < h.sun; k++, bytes += sizeof(struct sun_texel)) {
+        struct sun_texel one;
         memcpy(&one, bytes, sizeof(one));
         if (one.at >= texels)
             return ERR_FORMAT;
         e->texels[one.at] = one.texel;
-        s->bright[k] = one.at;
-        s->bright_cdf[k] = one.cdf;
+        s->sun[k] = one.at;
+        s->sun_cdf[k] = one.cdf;
     }
-    s->bright_count = h.bright;
+    s->sun_count = h.sun;
     if (h.indirect > 0)
         memcpy(indirect->sky, bytes, h.indirect * sizeof(float));
     return ERR_OK;

@@ -1,7 +1,7 @@
-/* Traces the entries of the cache of direct light (light/cache_direct/parts.h). Included by its kernels only. */
+/* Traces the entries of the cache of direct light (light/cache_direct/internal.h). Included by its kernels only. */
 #pragma once
 
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 #include "scene/surface/lobes.h"
 
 #include <math.h>

@@ -4,7 +4,7 @@
 #include "base/denormals.h"
 #include "base/mem.h"
 #include "light/cache_direct/last.h"
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 
 #include <assert.h>
 #include <string.h>
@@ -23,7 +23,7 @@ void transport_destroy(struct transport *t)
     mem_free(t->fades);
     mem_free(t->unbuilt_index);
     mem_free(t->narrow_index);
-    mem_free(t->bright_values);
+    mem_free(t->sun_values);
     mem_free(t->work);
     transport_last_destroy(t->last);
     sky_split_finish(&t->sky);
@@ -114,9 +114,9 @@ static void add_gazes(const struct transport *t, const struct transport_look *lo
 }
 
 /* Returns the number of packets in penumbrae. */
-static uint32_t add_bright(const struct transport *t, const struct transport_block *b, float *lo, uint64_t *rays)
+static uint32_t add_sun(const struct transport *t, const struct transport_block *b, float *lo, uint64_t *rays)
 {
-    return t->bright.strata ? transport_bright_add(t, b, lo, rays) : 0;
+    return t->sun.strata ? transport_sun_add(t, b, lo, rays) : 0;
 }
 
 static void clear_padding(const struct transport *t, const struct transport_block *b, float *lo)
@@ -153,7 +153,7 @@ static uint32_t shade_fading(const struct transport *t, const struct transport_l
     if (f->from_cells)
         mix(b, old, weight, lo);
     add_gazes(t, look, b, lo);
-    const uint32_t penumbra = add_bright(t, b, lo, rays);
+    const uint32_t penumbra = add_sun(t, b, lo, rays);
     clear_padding(t, b, lo);
     if (!f->from_cells)
         mix(b, old, weight, lo);
@@ -191,12 +191,12 @@ enum err transport_take_sky(struct transport *t, const struct environment *e, co
     return take_cells(&t->sky, e, frame->indirect);
 }
 
-/* Splits the frame's sky and draws samples of its bright part. */
+/* Splits the frame's sky and draws samples of its sun. */
 static enum err take_sky(struct transport *t, const struct environment *e, const struct transport_frame *frame)
 {
     assert(frame->samples >= 1 && !(frame->indirect && t->fades));
     const enum err result = frame->sky_taken ? ERR_OK : transport_take_sky(t, e, frame);
-    return result ? result : transport_bright_draw(t, e, frame);
+    return result ? result : transport_sun_draw(t, e, frame);
 }
 
 static bool is_asked_for(const struct transport_frame *f, const struct transport_block *b)
@@ -282,9 +282,9 @@ static uint32_t shade_changes(const struct transport *t, const struct transport_
         light_cells(t, look, frame, b, lit);
         clear_padding(t, b, lit);
     }
-    if (work & TRANSPORT_WORK_BRIGHT) {
+    if (work & TRANSPORT_WORK_SUN) {
         memset(shone, 0, floats * sizeof(*shone));
-        penumbra = add_bright(t, b, shone, rays);
+        penumbra = add_sun(t, b, shone, rays);
         clear_padding(t, b, shone);
         transport_last_look(t, k);
     }
@@ -308,7 +308,7 @@ static uint32_t shade_block(const struct shading *s, uint32_t k, float *lo, uint
 {
     const struct transport *t = s->transport;
     const struct transport_block *b = &t->blocks[k];
-    const unsigned all = TRANSPORT_WORK_CELLS | (t->bright.strata ? TRANSPORT_WORK_BRIGHT : 0),
+    const unsigned all = TRANSPORT_WORK_CELLS | (t->sun.strata ? TRANSPORT_WORK_SUN : 0),
                    work = s->keeps ? transport_last_work(t, k) : all;
 
     memset(t->work + b->first, (int)(work & all), b->packets);
@@ -317,12 +317,12 @@ static uint32_t shade_block(const struct shading *s, uint32_t k, float *lo, uint
     if (s->keeps)
         return shade_changes(t, &s->look, s->frame, k, work, lo, rays);
     light_cells(t, &s->look, s->frame, b, lo);
-    const uint32_t penumbra = add_bright(t, b, lo, rays);
+    const uint32_t penumbra = add_sun(t, b, lo, rays);
     clear_padding(t, b, lo);
     return penumbra;
 }
 
-/* Whether a frame can take over parts of the last one: all of the picture, by a cache that is built. */
+/* Whether a frame can take over parts of the last one: all of the image, by a cache that is built. */
 static bool is_kept(const struct transport *t, const struct transport_frame *f)
 {
     return !t->fades && f->end == 0 && f->narrow == TRANSPORT_NARROW_OWN;
@@ -332,7 +332,7 @@ static void count_work(const struct transport *t, struct transport_frame_stats *
 {
     for (uint32_t k = 0; k < t->gbuffer->packet_count; k++) {
         stats->lit += t->work[k] & TRANSPORT_WORK_CELLS ? 1 : 0;
-        stats->shone += t->work[k] & TRANSPORT_WORK_BRIGHT ? 1 : 0;
+        stats->shone += t->work[k] & TRANSPORT_WORK_SUN ? 1 : 0;
     }
 }
 
@@ -352,8 +352,8 @@ static enum err begin_frame(struct transport *t, const struct environment *e, co
         frame,
         { .environment = e,
           .level = t->sky.level,
-          .bright = &t->bright,
-          .per_energy = t->bright.strata ? 0.25 * t->bright.few * e->n * e->n / t->sky.bright_energy : 0.0 },
+          .sun = &t->sun,
+          .per_energy = t->sun.strata ? 0.25 * t->sun.few * e->n * e->n / t->sky.sun_energy : 0.0 },
         is_kept(t, frame) && transport_last_begin(t, frame->indirect),
     };
     memset(t->work, 0, t->gbuffer->packet_count);
@@ -390,7 +390,7 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
     stats->rays = rays;
     stats->penumbra = penumbra;
     count_work(t, stats);
-    stats->bright = t->sky.bright_count;
-    stats->share = e->total_energy > 0.0 ? t->sky.bright_energy / e->total_energy : 0.0;
+    stats->sun = t->sky.sun_count;
+    stats->share = e->total_energy > 0.0 ? t->sky.sun_energy / e->total_energy : 0.0;
     return ERR_OK;
 }

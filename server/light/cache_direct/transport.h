@@ -2,10 +2,10 @@
  * radiance of a shade point is linear in the environment map:
  *     Lo(p) = sum over cells c of T(p, c) L(c),      T(p, c) = integral over c of f(o, w) max(0, n.w) V(p, w) dw,
  * where L(c) is the map's mean radiance over cell c of 6 x 16 x 16. T is traced once and stored without colours, one
- * row for each part of the BRDF (light/cache_direct/parts.h); a frame multiplies the rows by the point's colours.
+ * row for each part of the BRDF (light/cache_direct/internal.h); a frame multiplies the rows by the point's colours.
  *
  * A mean over 5.6 degrees would blur the shadows of the sun. So sky/tables/sky_split.h splits the map: T transports the
- * lower part, and every frame traces rays to the bright part, few where neighbouring points agree on its visibility and
+ * lower part, and every frame traces rays to the sun, few where neighbouring points agree on its visibility and
  * up to eight times as many elsewhere. Lobes narrower than a cell have directions of their own with stored visibility,
  * and look up the map texel by texel.
  *
@@ -73,11 +73,11 @@ enum transport_narrow {
 };
 
 struct transport_frame {
-    uint32_t samples;          /* N >= 1; the bright part gets N / 64 to N / 8 rays per point */
-    uint64_t seed, pass;       /* choose the samples of the bright part */
+    uint32_t samples;          /* N >= 1; the sun gets N / 64 to N / 8 rays per point */
+    uint64_t seed, pass;       /* choose the samples of the sun */
     const atomic_bool *cancel; /* NULL, or a flag that ends the frame early */
-    bool unsplit;              /* no bright part: cells only, linear in the map up to rounding */
-    /* Indirect light of the same cache (bounce_indirect), added before colours multiply; NULL: none. Only once
+    bool unsplit;              /* no sun: cells only, linear in the map up to rounding */
+    /* Indirect light of the same cache (indirect_of_frame), added before colours multiply; NULL: none. Only once
      * transport_is_settled. */
     const struct transport_indirect *indirect;
     /* A part of the frame: the blocks that begin with packets first .. end - 1; other places in lo are unchanged. end
@@ -90,14 +90,14 @@ struct transport_frame {
 /* What a frame computed for a packet, beside what it took over from the last one. */
 enum transport_work {
     TRANSPORT_WORK_CELLS = 1,  /* its light from cells and gazes */
-    TRANSPORT_WORK_BRIGHT = 2, /* its light from the bright part */
+    TRANSPORT_WORK_SUN = 2, /* its light from the sun */
 };
 
 struct transport_frame_stats {
-    uint64_t rays;       /* traced towards the bright part */
-    uint32_t bright;     /* texels of the bright part */
+    uint64_t rays;       /* traced towards the sun */
+    uint32_t sun;     /* texels of the sun */
     uint32_t penumbra;   /* packets in penumbrae, which got more rays */
-    uint32_t lit, shone; /* packets whose light from cells and gazes, and from the bright part, was computed */
+    uint32_t lit, shone; /* packets whose light from cells and gazes, and from the sun, was computed */
     double share;        /* of the map's energy that is bright, 0..1 */
 };
 
@@ -148,7 +148,7 @@ double transport_packet_bytes(const struct transport *t, uint32_t packet);
 
 /* Distributes a frame over several processes with the same cache. The first process takes the sky of e and packs the
  * data that the others need. The others unpack it and light their parts with sky_taken under an environment of the same
- * size that contains only the bright texels, so it does not serve narrow lobes. transport_take_sky: ERR_NOMEM.
+ * size that contains only the texels of the sun, so it does not serve narrow lobes. transport_take_sky: ERR_NOMEM.
  * transport_unpack_sky: ERR_FORMAT if the bytes are not those of such a sky; ERR_NOMEM. */
 MUST_CHECK enum err transport_take_sky(struct transport *t, const struct environment *e,
                                        const struct transport_frame *frame);

@@ -1,6 +1,6 @@
 /* Computes the basis over the sky's cells from the variation of the light that points gather. */
 #include "base/mem.h"
-#include "light/cache_indirect/parts.h"
+#include "light/cache_indirect/internal.h"
 
 #include <cblas.h>
 #include <lapacke.h>
@@ -10,7 +10,7 @@
 #define ENOUGH 2e-3 /* share of the norm that the basis may leave out */
 
 /* The eigenvectors of M' M with the largest eigenvalues, as many as ENOUGH requires. */
-enum err bounce_basis_init(struct bounce_basis *b, const float *m, uint32_t rows, uint32_t at_most)
+enum err indirect_basis_init(struct indirect_basis *b, const float *m, uint32_t rows, uint32_t at_most)
 {
     const int n = SKY_CELLS, most = (int)at_most;
     float *gram = mem_alloc((size_t)n * n, sizeof(*gram)), *values = mem_alloc((size_t)n, sizeof(*values));
@@ -18,7 +18,7 @@ enum err bounce_basis_init(struct bounce_basis *b, const float *m, uint32_t rows
     double whole = 0.0, kept = 0.0;
     enum err e = ERR_NOMEM;
 
-    *b = (struct bounce_basis){ .count = PACKET };
+    *b = (struct indirect_basis){ .count = PACKET };
     b->rows = mem_alloc((size_t)most * SKY_CELLS, sizeof(*b->rows));
     if (!gram || !values || !support || !b->rows)
         goto done;
@@ -49,8 +49,8 @@ done:
     return e;
 }
 
-void bounce_basis_finish(struct bounce_basis *b)
+void indirect_basis_finish(struct indirect_basis *b)
 {
     mem_free(b->rows);
-    *b = (struct bounce_basis){ .count = 0 };
+    *b = (struct indirect_basis){ .count = 0 };
 }

@@ -1,5 +1,5 @@
 /* Builds the cache of indirect light step by step. */
-#include "light/cache_indirect/parts.h"
+#include "light/cache_indirect/internal.h"
 
 #include "base/cancel.h"
 #include "base/mem.h"
@@ -8,8 +8,8 @@
 
 /* The effort of the quick cache takes a tenth of the time. Its 24 rays, smoothed over three blocks, have the noise of
  * 1500 rays of one point. */
-static const struct bounce_effort full = { 64, 0, 1536, 512, 512, BOUNCE_BASIS_MAX, BOUNCE_GROUP };
-static const struct bounce_effort quick = { 8, 700, 256, 64, 256, 32, 1 };
+static const struct indirect_effort full = { 64, 0, 1536, 512, 512, INDIRECT_BASIS_MAX, INDIRECT_GROUP };
+static const struct indirect_effort quick = { 8, 700, 256, 64, 256, 32, 1 };
 
 #define GATHER_MOST 4096u
 
@@ -19,7 +19,7 @@ static uint64_t early_steps(const struct gbuffer *g)
     return (uint64_t)fmin(fmax(3.4 * (double)g->packet_count, 1700.0), 10000.0);
 }
 
-uint64_t bounce_steps(const struct gbuffer *g)
+uint64_t indirect_steps(const struct gbuffer *g)
 {
     return early_steps(g) + g->packet_count;
 }
@@ -41,7 +41,7 @@ static bool has_sharp(const struct gbuffer *g, const struct transport_block *b)
 }
 
 /* Copies the blocks of the cache of direct light; blocks with narrow lobes get all of their rows. */
-static enum err take_blocks(struct bounce *b, const struct transport *t)
+static enum err take_blocks(struct indirect_cache *b, const struct transport *t)
 {
     b->blocks = mem_alloc(t->block_count, sizeof(*b->blocks));
     b->left_index = mem_alloc(t->narrow.count, sizeof(*b->left_index));
@@ -51,44 +51,44 @@ static enum err take_blocks(struct bounce *b, const struct transport *t)
         const struct transport_block *from = &t->blocks[k];
         const uint32_t all = t->gbuffer->packets[from->first].kind == LOBE_GGX ? 3 : 2;
         if (!from->narrow || !has_sharp(t->gbuffer, from))
-            b->blocks[b->block_count++] = (struct bounce_block){ .first = from->first,
-                                                                 .packets = from->packets,
-                                                                 .rows = from->narrow ? all : from->rows };
+            b->blocks[b->block_count++] = (struct indirect_block){ .first = from->first,
+                                                                   .packets = from->packets,
+                                                                   .rows = from->narrow ? all : from->rows };
         for (uint32_t i = 0; from->narrow && has_sharp(t->gbuffer, from) && i < from->packets; i++)
             b->left_index[b->left.count++] = from->first + i;
     }
     b->left.index = b->left_index;
-    b->stats.bytes = sizeof(*b) + b->block_count * (sizeof(*b->blocks) + sizeof(*b->groups) / BOUNCE_GROUP) +
+    b->stats.bytes = sizeof(*b) + b->block_count * (sizeof(*b->blocks) + sizeof(*b->groups) / INDIRECT_GROUP) +
                      t->narrow.count * sizeof(*b->left_index);
     return ERR_OK;
 }
 
-struct bounce *bounce_begin(const struct bounce_desc *d, const struct kernels *kernels)
+struct indirect_cache *indirect_begin(const struct indirect_desc *d, const struct kernels *kernels)
 {
-    struct bounce *b = mem_alloc(1, sizeof(*b));
+    struct indirect_cache *b = mem_alloc(1, sizeof(*b));
 
     if (!b)
         return NULL;
     b->gbuffer = d->gbuffer;
     b->kernels = kernels;
     if (take_blocks(b, d->direct)) {
-        bounce_destroy(b);
+        indirect_destroy(b);
         return NULL;
     }
     return b;
 }
 
-enum err bounce_close(struct bounce *b)
+enum err indirect_close(struct indirect_cache *b)
 {
-    struct bounce_stats *s = &b->stats;
+    struct indirect_stats *s = &b->stats;
 
     s->basis = b->basis.count;
     s->basis_rest = b->basis.rest;
     s->bytes += (uint64_t)b->basis.count * SKY_CELLS * sizeof(float);
     for (uint32_t k = 0; k < b->group_count; k++) {
-        const struct bounce_group *g = &b->groups[k];
+        const struct indirect_group *g = &b->groups[k];
         for (uint32_t r = 0; r < g->rows; r++) {
-            s->bytes += bounce_piece_bytes(g, b->blocks + g->first, r);
+            s->bytes += indirect_piece_bytes(g, b->blocks + g->first, r);
             for (uint32_t i = g->first; i < g->first + g->count; i++)
                 s->rank += b->blocks[i].rank[r];
             s->pieces += g->count;
@@ -97,19 +97,19 @@ enum err bounce_close(struct bounce *b)
     }
     s->rank /= fmax(s->pieces, 1.0);
     s->shared /= fmax(s->pieces, 1.0);
-    return bounce_lay_out(b);
+    return indirect_lay_out(b);
 }
 
-enum err bounce_say_too_large(uint64_t max_bytes, struct reason *why)
+enum err indirect_say_too_large(uint64_t max_bytes, struct reason *why)
 {
     return err_say(why, ERR_RANGE,
                    "the cache of indirect light needs more than the %.0f MB that --cache-memory leaves for it",
                    ceil(1e-6 * (double)max_bytes));
 }
 
-static enum err begin(struct bounce_build *b)
+static enum err begin(struct indirect_build *b)
 {
-    const struct bounce_desc *d = b->desc;
+    const struct indirect_desc *d = b->desc;
     enum err e = ERR_OK;
 
     b->gather = d->gather ? d->gather : b->effort->gather;
@@ -126,26 +126,26 @@ static enum err begin(struct bounce_build *b)
     if (e)
         return e;
     transport_compress_begin();
-    return transport_directions_init(&b->directions, BOUNCE_SIDE, 1, rng_mix(d->seed, 12));
+    return transport_directions_init(&b->directions, INDIRECT_SIDE, 1, rng_mix(d->seed, 12));
 }
 
 /* With other processes, all of which come here: none has failed, or all stop. */
-static enum err share_light(struct bounce_build *b, enum err own, struct reason *why)
+static enum err share_light(struct indirect_build *b, enum err own, struct reason *why)
 {
     const struct cache_share *s = b->desc->share;
     const enum err e = s->agree(s->context, !own && is_cancelled(b->desc->cancel) ? ERR_IO : own, why);
 
-    return e ? e : bounce_exchange_light(b);
+    return e ? e : indirect_exchange_light(b);
 }
 
 /* Of the time before the blocks are gathered, after each step: the court at 160x90 and 320x180. */
 static const double share_before[] = { 0.0, 0.12, 0.55, 0.75, 1.0, 1.0 };
 
-static enum err run_steps(struct bounce_build *b, struct reason *why)
+static enum err run_steps(struct indirect_build *b, struct reason *why)
 {
-    enum err (*const steps[])(struct bounce_build *) = {
-        begin, bounce_find_records, bounce_light_records, bounce_make_basis, bounce_solve, bounce_gather_blocks
-    };
+    enum err (*const steps[])(
+        struct indirect_build *) = { begin,          indirect_find_records, indirect_light_records, indirect_make_basis,
+                                     indirect_solve, indirect_gather_blocks };
     const uint64_t early = early_steps(b->b->gbuffer);
     uint64_t done = 0;
     enum err e = ERR_OK;
@@ -156,17 +156,17 @@ static enum err run_steps(struct bounce_build *b, struct reason *why)
         const uint64_t now = (uint64_t)(share_before[k] * (double)early);
         progress_step(b->desc->progress, now - done);
         done = now;
-        if (b->desc->share && steps[k] == bounce_light_records)
+        if (b->desc->share && steps[k] == indirect_light_records)
             e = share_light(b, e, why);
     }
     return e;
 }
 
-enum err bounce_create(const struct bounce_desc *desc, const struct kernels *kernels, struct bounce **out,
-                       struct reason *why)
+enum err indirect_create(const struct indirect_desc *desc, const struct kernels *kernels, struct indirect_cache **out,
+                         struct reason *why)
 {
-    struct bounce *t = bounce_begin(desc, kernels);
-    struct bounce_build b = {
+    struct indirect_cache *t = indirect_begin(desc, kernels);
+    struct indirect_build b = {
         .b = t, .desc = desc, .effort = desc->quick ? &quick : &full, .widen = transport_kernels_of(kernels)->widen
     };
 
@@ -180,20 +180,20 @@ enum err bounce_create(const struct bounce_desc *desc, const struct kernels *ker
         const enum err shared = desc->share->agree(desc->share->context, cancelled ? ERR_IO : e, why);
         e = cancelled ? ERR_OK : shared;
         if (!e && !cancelled)
-            e = bounce_exchange(&b, why);
+            e = indirect_exchange(&b, why);
     }
     if (!e && !cancelled)
-        e = bounce_close(t);
+        e = indirect_close(t);
     if (e == ERR_RANGE)
-        e = bounce_say_too_large(desc->max_bytes, why);
+        e = indirect_say_too_large(desc->max_bytes, why);
     else if (e)
         err_say(why, e, "out of memory for the cache of indirect light");
     else if (!is_cancelled(b.desc->cancel)) {
         *out = t;
         t = NULL;
     }
-    bounce_destroy(t);
-    bounce_records_finish(&b.records);
+    indirect_destroy(t);
+    indirect_records_finish(&b.records);
     transport_directions_finish(&b.directions);
     mem_free(b.light);
     mem_free(b.sources);

@@ -11,41 +11,41 @@
 #include <string.h>
 
 /* Shares of the squared error that a rank must remove to be kept: */
-#define FIRST 0.1  /* ranks of the blocks alone */
-#define SHARED 0.4 /* ranks of the group */
-#define LAST 0.4   /* ranks of the blocks within the group's */
-#define LOCAL 2.0  /* a rank of the group that removes less is kept if it removes so much in one block */
+#define FIRST 0.1    /* ranks of the blocks alone */
+#define SHARED 0.4   /* ranks of the group */
+#define LAST 0.4     /* ranks of the blocks within the group's */
+#define LOCAL 2.0    /* a rank of the group that removes less is kept if it removes so much in one block */
 #define SEVERAL 10.0 /* at so many points, counted by the sum of squares squared over that of fourth powers */
-#define TAIL 0.5   /* share that the coefficients left out of V may have in total */
+#define TAIL 0.5     /* share that the coefficients left out of V may have in total */
 
-#define ROWS_MOST (BOUNCE_GROUP * TRANSPORT_POINTS)
+#define ROWS_MOST (INDIRECT_GROUP * TRANSPORT_POINTS)
 
 struct part { /* a block's row, compressed alone */
     uint32_t rank;
     float u[TRANSPORT_POINTS][TRANSPORT_POINTS]; /* [rank][point], orthonormal */
 };
 
-struct bounce_workspace { /* per thread */
-    uint32_t k;           /* size of the basis; a row is 3 k wide */
-    struct part *parts;   /* [TRANSPORT_ROWS][BOUNCE_GROUP] */
-    float *rows;          /* [TRANSPORT_ROWS][ROWS_MOST][3 k]: of all blocks of a group */
+struct indirect_workspace { /* per thread */
+    uint32_t k;             /* size of the basis; a row is 3 k wide */
+    struct part *parts;     /* [TRANSPORT_ROWS][INDIRECT_GROUP] */
+    float *rows;            /* [TRANSPORT_ROWS][ROWS_MOST][3 k]: of all blocks of a group */
     uint32_t count[TRANSPORT_ROWS];
-    float scale[BOUNCE_GROUP][TRANSPORT_ROWS][TRANSPORT_POINTS];
+    float scale[INDIRECT_GROUP][TRANSPORT_ROWS][TRANSPORT_POINTS];
     float *gram, *values, *work; /* for a ROWS_MOST x ROWS_MOST matrix */
     lapack_int *whole;
     float *v; /* [ROWS_MOST][3 k] */
     float small[TRANSPORT_POINTS * TRANSPORT_POINTS];
 };
 
-struct bounce_workspace *bounce_workspace_create(uint32_t k)
+struct indirect_workspace *indirect_workspace_create(uint32_t k)
 {
-    struct bounce_workspace *w = mem_alloc(1, sizeof(*w));
+    struct indirect_workspace *w = mem_alloc(1, sizeof(*w));
     const size_t n = ROWS_MOST, row = 3 * (size_t)k;
 
     if (!w)
         return NULL;
     w->k = k;
-    w->parts = mem_alloc((size_t)TRANSPORT_ROWS * BOUNCE_GROUP, sizeof(*w->parts));
+    w->parts = mem_alloc((size_t)TRANSPORT_ROWS * INDIRECT_GROUP, sizeof(*w->parts));
     w->rows = mem_alloc_raw(TRANSPORT_ROWS * n * row, sizeof(float));
     w->v = mem_alloc_raw(n * row, sizeof(float));
     w->gram = mem_alloc_raw(n * n, sizeof(float));
@@ -54,11 +54,11 @@ struct bounce_workspace *bounce_workspace_create(uint32_t k)
     w->whole = mem_alloc_raw(3 + 5 * n, sizeof(*w->whole));
     if (w->parts && w->rows && w->v && w->gram && w->values && w->work && w->whole)
         return w;
-    bounce_workspace_destroy(w);
+    indirect_workspace_destroy(w);
     return NULL;
 }
 
-void bounce_workspace_destroy(struct bounce_workspace *w)
+void indirect_workspace_destroy(struct indirect_workspace *w)
 {
     if (!w)
         return;
@@ -75,7 +75,7 @@ void bounce_workspace_destroy(struct bounce_workspace *w)
 /* Replaces the symmetric n x n matrix by its eigenvectors, those of the largest values last. Returns the number of
  * values above `least`; if the library fails, n, with unit vectors. One bound for all blocks minimises the total
  * squared error for a given number of ranks [Eckart and Young 1936]. */
-static uint32_t decompose(struct bounce_workspace *w, float *gram, uint32_t n, double least)
+static uint32_t decompose(struct indirect_workspace *w, float *gram, uint32_t n, double least)
 {
     const lapack_int m = (lapack_int)n;
     uint32_t rank = n;
@@ -94,16 +94,16 @@ static uint32_t decompose(struct bounce_workspace *w, float *gram, uint32_t n, d
     return rank;
 }
 
-void bounce_compress_begin(struct bounce_workspace *w)
+void indirect_compress_begin(struct indirect_workspace *w)
 {
     memset(w->count, 0, sizeof(w->count));
 }
 
-void bounce_compress_block(struct bounce_workspace *w, uint32_t slot, uint32_t row, uint32_t points, float *t,
-                           const float *scale, double least)
+void indirect_compress_block(struct indirect_workspace *w, uint32_t slot, uint32_t row, uint32_t points, float *t,
+                             const float *scale, double least)
 {
     const int n = (int)points, wide = 3 * (int)w->k;
-    struct part *part = &w->parts[row * BOUNCE_GROUP + slot];
+    struct part *part = &w->parts[row * INDIRECT_GROUP + slot];
     float *to = w->rows + ((size_t)row * ROWS_MOST + w->count[row]) * 3 * w->k;
 
     memcpy(w->scale[slot][row], scale, points * sizeof(*scale));
@@ -140,7 +140,7 @@ static uint32_t short_basis(const float *v, uint32_t rows, uint32_t k, double al
 
 /* A block's part of the group's rows is the first `count` columns of E[rank][n], whose rows have the squared lengths
  * `values`. Writes its left singular vectors of the largest singular values to w->small; returns their number. */
-static uint32_t reduce(struct bounce_workspace *w, const float *e, const float *values, uint32_t rank, uint32_t n,
+static uint32_t reduce(struct indirect_workspace *w, const float *e, const float *values, uint32_t rank, uint32_t n,
                        uint32_t count, double least)
 {
     for (uint32_t i = 0; i < count; i++)
@@ -176,9 +176,9 @@ struct factors {
 /* Writes gains, W[rank][columns] and U[rank][points]. */
 static void write_block(const struct factors *x, int8_t *to)
 {
-    const uint32_t columns = bounce_columns(x->group);
+    const uint32_t columns = indirect_columns(x->group);
     int8_t *w = to + x->rank * sizeof(float), *u = w + (size_t)x->rank * columns;
-    float row[BOUNCE_GROUP * TRANSPORT_POINTS];
+    float row[INDIRECT_GROUP * TRANSPORT_POINTS];
 
     for (uint32_t m = 0; m < x->rank; m++, w += columns, u += x->points) {
         const float *f = x->f + (size_t)m * x->part->rank;
@@ -202,9 +202,9 @@ static void write_block(const struct factors *x, int8_t *to)
 }
 
 /* Writes V[rank][3][basis]; returns the end. */
-static int8_t *write_shared(const float *v, uint32_t k, const struct bounce_piece *q, float *v_scale, int8_t *to)
+static int8_t *write_shared(const float *v, uint32_t k, const struct indirect_piece *q, float *v_scale, int8_t *to)
 {
-    float row[3 * BOUNCE_BASIS_MAX];
+    float row[3 * INDIRECT_BASIS_MAX];
 
     for (uint32_t r = 0; r < q->rank; r++, to += 3 * q->basis) {
         for (uint32_t c = 0; c < 3; c++)
@@ -215,11 +215,11 @@ static int8_t *write_shared(const float *v, uint32_t k, const struct bounce_piec
 }
 
 /* Writes the whole piece. e: the group's eigenvectors, [rank][n]. */
-static enum err write_piece(struct bounce_workspace *w, struct bounce_group *g, struct bounce_block *blocks,
+static enum err write_piece(struct indirect_workspace *w, struct indirect_group *g, struct indirect_block *blocks,
                             uint32_t row, const float *e, uint32_t n, double least)
 {
-    struct bounce_piece *q = &g->pieces[row];
-    int8_t *bytes = mem_alloc_raw(bounce_piece_bytes(g, blocks, row), 1), *to = bytes;
+    struct indirect_piece *q = &g->pieces[row];
+    int8_t *bytes = mem_alloc_raw(indirect_piece_bytes(g, blocks, row), 1), *to = bytes;
     float values[ROWS_MOST], v_scale[ROWS_MOST];
 
     if (!bytes)
@@ -227,7 +227,7 @@ static enum err write_piece(struct bounce_workspace *w, struct bounce_group *g, 
     memcpy(values, w->values + n - q->rank, q->rank * sizeof(*values));
     to = write_shared(w->v, w->k, q, v_scale, to);
     for (uint32_t b = 0; b < g->count; b++) {
-        const struct part *part = &w->parts[row * BOUNCE_GROUP + b];
+        const struct part *part = &w->parts[row * INDIRECT_GROUP + b];
         const uint32_t count = part->rank, points = blocks[b].packets * PACKET;
         const uint32_t rank = reduce(w, e, values, q->rank, n, count, least * points);
         const struct factors x = {
@@ -235,7 +235,7 @@ static enum err write_piece(struct bounce_workspace *w, struct bounce_group *g, 
         };
         blocks[b].rank[row] = (uint8_t)rank;
         write_block(&x, to);
-        to += bounce_block_bytes(rank, bounce_columns(q->rank), points);
+        to += indirect_block_bytes(rank, indirect_columns(q->rank), points);
         e += count;
     }
     q->bytes = mem_alloc_raw((size_t)(to - bytes), 1);
@@ -247,11 +247,11 @@ static enum err write_piece(struct bounce_workspace *w, struct bounce_group *g, 
 
 /* Whether a block's share of the group's eigenvector e[n], of which each block has as many numbers as its own rank, is
  * more than `least` a point, and of SEVERAL points or more: that of fewer is mostly noise. */
-static bool matters_to_one(const struct bounce_workspace *w, const struct bounce_block *blocks, uint32_t count,
+static bool matters_to_one(const struct indirect_workspace *w, const struct indirect_block *blocks, uint32_t count,
                            uint32_t row, const float *e, double value, double least)
 {
     for (uint32_t b = 0; b < count; b++) {
-        const struct part *part = &w->parts[row * BOUNCE_GROUP + b];
+        const struct part *part = &w->parts[row * INDIRECT_GROUP + b];
         const uint32_t points = blocks[b].packets * PACKET;
         float at[TRANSPORT_POINTS] = { 0.0f };
         double square = 0.0, fourth = 0.0;
@@ -273,8 +273,8 @@ static bool matters_to_one(const struct bounce_workspace *w, const struct bounce
 /* Of the group's n eigenvectors, smallest values first, the last `rank` are kept. Keeps also those that matter to one
  * block, such as the light of a surface of which the group has few points, and moves them next to the others. Returns
  * the number of all that are kept. */
-static uint32_t keep_local(struct bounce_workspace *w, const struct bounce_block *blocks, uint32_t count, uint32_t row,
-                           uint32_t n, uint32_t rank, double least)
+static uint32_t keep_local(struct indirect_workspace *w, const struct indirect_block *blocks, uint32_t count,
+                           uint32_t row, uint32_t n, uint32_t rank, double least)
 {
     uint32_t to = n - rank;
 
@@ -289,20 +289,20 @@ static uint32_t keep_local(struct bounce_workspace *w, const struct bounce_block
     return n - to;
 }
 
-enum err bounce_compress_end(struct bounce_workspace *w, struct bounce_group *g, struct bounce_block *blocks,
-                             uint32_t row, double least)
+enum err indirect_compress_end(struct indirect_workspace *w, struct indirect_group *g, struct indirect_block *blocks,
+                               uint32_t row, double least)
 {
-    struct bounce_piece *q = &g->pieces[row];
+    struct indirect_piece *q = &g->pieces[row];
     const uint32_t n = w->count[row];
     const int wide = 3 * (int)w->k;
     const float *rows = w->rows + (size_t)row * ROWS_MOST * 3 * w->k;
     double whole = 0.0;
     uint32_t points = 0;
 
-    *q = (struct bounce_piece){ .bytes = NULL };
+    *q = (struct indirect_piece){ .bytes = NULL };
     for (uint32_t b = 0; b < g->count; b++) {
         points += blocks[b].packets * PACKET;
-        blocks[b].rank[row] = (uint8_t)w->parts[row * BOUNCE_GROUP + b].rank;
+        blocks[b].rank[row] = (uint8_t)w->parts[row * INDIRECT_GROUP + b].rank;
     }
     if (n > 0) {
         cblas_ssyrk(CblasRowMajor, CblasUpper, CblasNoTrans, (int)n, wide, 1.0f, rows, wide, 0.0f, w->gram, (int)n);

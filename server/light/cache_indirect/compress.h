@@ -2,18 +2,18 @@
  * workspace. */
 #pragma once
 
-#include "light/cache_indirect/parts.h"
+#include "light/cache_indirect/internal.h"
 
-struct bounce_workspace;
+struct indirect_workspace;
 
-struct bounce_workspace *bounce_workspace_create(uint32_t k); /* k: size of the basis; NULL when out of memory */
-void bounce_workspace_destroy(struct bounce_workspace *w);    /* NULL is allowed */
+struct indirect_workspace *indirect_workspace_create(uint32_t k); /* k: size of the basis; NULL when out of memory */
+void indirect_workspace_destroy(struct indirect_workspace *w);    /* NULL is allowed */
 
 /* Compresses one group: call begin, then for each row all of its blocks in order, followed by that row's end. blocks:
  * the group's. t: float[points][3 k], destroyed. scale: float[points], above 0, the weight of a point's error. least:
  * squared error that a rank must remove for each point, weighted. ERR_NOMEM. */
-void bounce_compress_begin(struct bounce_workspace *w);
-void bounce_compress_block(struct bounce_workspace *w, uint32_t slot, uint32_t row, uint32_t points, float *t,
-                           const float *scale, double least);
-MUST_CHECK enum err bounce_compress_end(struct bounce_workspace *w, struct bounce_group *g, struct bounce_block *blocks,
-                                        uint32_t row, double least);
+void indirect_compress_begin(struct indirect_workspace *w);
+void indirect_compress_block(struct indirect_workspace *w, uint32_t slot, uint32_t row, uint32_t points, float *t,
+                             const float *scale, double least);
+MUST_CHECK enum err indirect_compress_end(struct indirect_workspace *w, struct indirect_group *g,
+                                          struct indirect_block *blocks, uint32_t row, double least);

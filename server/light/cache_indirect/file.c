@@ -3,7 +3,7 @@
 #include "base/mem.h"
 #include "light/cache/cache_share.h"
 #include "light/cache/memory.h"
-#include "light/cache_indirect/parts.h"
+#include "light/cache_indirect/internal.h"
 #include "scene/geometry/scene_digest.h"
 
 #include <math.h>
@@ -17,14 +17,14 @@
 /* One section: statistics, the basis, then group by group the ranks of its rows and blocks, and its pieces' bytes. */
 static const char section[] = "bounce";
 
-struct digest bounce_key(const struct digest *direct, const struct bounce_desc *desc)
+struct digest indirect_key(const struct digest *direct, const struct indirect_desc *desc)
 {
     const float numbers[] = { desc->eye.x, desc->eye.y, desc->eye.z };
     struct digest key = { { 0 } };
 
     digest_u64(&key, FORMAT);
     digest_bytes(&key, direct, sizeof(*direct));
-    digest_u64(&key, (uint64_t)BOUNCE_BASIS_MAX << 32 | BOUNCE_GROUP);
+    digest_u64(&key, (uint64_t)INDIRECT_BASIS_MAX << 32 | INDIRECT_GROUP);
     digest_u64(&key, (uint64_t)desc->gather << 32 | desc->records);
     digest_u64(&key, desc->seed);
     digest_bytes(&key, numbers, sizeof(numbers));
@@ -32,25 +32,26 @@ struct digest bounce_key(const struct digest *direct, const struct bounce_desc *
     return key;
 }
 
-static void save_piece(const struct bounce *b, const struct bounce_group *g, uint32_t row, struct cache_writer *w)
+static void save_piece(const struct indirect_cache *b, const struct indirect_group *g, uint32_t row,
+                       struct cache_writer *w)
 {
-    const struct bounce_piece *q = &g->pieces[row];
+    const struct indirect_piece *q = &g->pieces[row];
 
     if (!q->bytes)
         return;
     if (!b->stream) { /* not laid out yet */
-        cache_writer_put(w, q->bytes, bounce_piece_bytes(g, b->blocks + g->first, row));
+        cache_writer_put(w, q->bytes, indirect_piece_bytes(g, b->blocks + g->first, row));
         return;
     }
     cache_writer_put(w, q->bytes, (size_t)q->rank * 3 * q->basis);
     for (uint32_t i = g->first; i < g->first + g->count; i++) {
-        const struct bounce_block *block = &b->blocks[i];
-        cache_writer_put(w, bounce_block_row(b, block, row),
-                         bounce_block_bytes(block->rank[row], bounce_columns(q->rank), block->packets * PACKET));
+        const struct indirect_block *block = &b->blocks[i];
+        cache_writer_put(w, indirect_block_row(b, block, row),
+                         indirect_block_bytes(block->rank[row], indirect_columns(q->rank), block->packets * PACKET));
     }
 }
 
-void bounce_save_group(const struct bounce *b, const struct bounce_group *g, struct cache_writer *w)
+void indirect_save_group(const struct indirect_cache *b, const struct indirect_group *g, struct cache_writer *w)
 {
     for (uint32_t r = 0; r < g->rows; r++) {
         cache_writer_put(w, &g->pieces[r].rank, sizeof(g->pieces[r].rank));
@@ -62,7 +63,7 @@ void bounce_save_group(const struct bounce *b, const struct bounce_group *g, str
         save_piece(b, g, r, w);
 }
 
-void bounce_save(const struct bounce *b, const struct digest *key, struct cache_writer *w)
+void indirect_save(const struct indirect_cache *b, const struct digest *key, struct cache_writer *w)
 {
     cache_writer_section(w, section, key);
     cache_writer_put(w, &b->stats.records, sizeof(b->stats.records));
@@ -72,7 +73,7 @@ void bounce_save(const struct bounce *b, const struct digest *key, struct cache_
     cache_writer_put(w, &b->basis.count, sizeof(b->basis.count));
     cache_writer_put(w, b->basis.rows, (size_t)b->basis.count * SKY_CELLS * sizeof(*b->basis.rows));
     for (uint32_t k = 0; k < b->group_count; k++)
-        bounce_save_group(b, &b->groups[k], w);
+        indirect_save_group(b, &b->groups[k], w);
 }
 
 /* ---- Loading ---- */
@@ -83,10 +84,10 @@ static enum err no_memory(struct reason *why)
 }
 
 /* Numbers and rows of unit length. */
-static enum err read_basis(struct cache_reader *r, struct bounce *b, struct reason *why)
+static enum err read_basis(struct cache_reader *r, struct indirect_cache *b, struct reason *why)
 {
-    struct bounce_stats *s = &b->stats;
-    struct bounce_basis *q = &b->basis;
+    struct indirect_stats *s = &b->stats;
+    struct indirect_basis *q = &b->basis;
     enum err e = cache_reader_get(r, &s->records, sizeof(s->records), why);
 
     if (!e)
@@ -98,7 +99,7 @@ static enum err read_basis(struct cache_reader *r, struct bounce *b, struct reas
     if (!e)
         e = cache_reader_get(r, &q->count, sizeof(q->count), why);
     if (!e &&
-        !(q->count > 0 && q->count <= BOUNCE_BASIS_MAX && q->count % PACKET == 0 && q->rest >= 0.0 && q->rest <= 1.0))
+        !(q->count > 0 && q->count <= INDIRECT_BASIS_MAX && q->count % PACKET == 0 && q->rest >= 0.0 && q->rest <= 1.0))
         e = cache_reader_refuse(r, why);
     if (e)
         return e;
@@ -112,7 +113,7 @@ static enum err read_basis(struct cache_reader *r, struct bounce *b, struct reas
 }
 
 /* Checks the ranks, so that the loops that read the pieces stay within them, the basis and their own memory. */
-static bool is_sound(const struct bounce *b, const struct bounce_group *g)
+static bool is_sound(const struct indirect_cache *b, const struct indirect_group *g)
 {
     uint32_t points = 0;
 
@@ -132,30 +133,30 @@ static bool is_sound(const struct bounce *b, const struct bounce_group *g)
 }
 
 /* Bytes may have any value; the gains that multiply them must be finite. */
-static bool has_sound_gains(const struct bounce *b, const struct bounce_group *g, uint32_t row)
+static bool has_sound_gains(const struct indirect_cache *b, const struct indirect_group *g, uint32_t row)
 {
-    const struct bounce_piece *q = &g->pieces[row];
-    const uint32_t columns = bounce_columns(q->rank);
+    const struct indirect_piece *q = &g->pieces[row];
+    const uint32_t columns = indirect_columns(q->rank);
     const int8_t *at = q->bytes + (size_t)q->rank * 3 * q->basis;
 
     for (uint32_t k = g->first; k < g->first + g->count; k++) {
-        const struct bounce_block *block = &b->blocks[k];
+        const struct indirect_block *block = &b->blocks[k];
         for (uint32_t i = 0; i < block->rank[row]; i++) {
             float gain;
             memcpy(&gain, at + i * sizeof(gain), sizeof(gain));
             if (!(gain >= 0.0f && gain < GAIN_MOST))
                 return false;
         }
-        at += bounce_block_bytes(block->rank[row], columns, block->packets * PACKET);
+        at += indirect_block_bytes(block->rank[row], columns, block->packets * PACKET);
     }
     return true;
 }
 
-static enum err read_piece(struct cache_reader *r, const struct bounce *b, struct bounce_group *g, uint32_t row,
-                           struct reason *why)
+static enum err read_piece(struct cache_reader *r, const struct indirect_cache *b, struct indirect_group *g,
+                           uint32_t row, struct reason *why)
 {
-    struct bounce_piece *q = &g->pieces[row];
-    const size_t size = bounce_piece_bytes(g, b->blocks + g->first, row);
+    struct indirect_piece *q = &g->pieces[row];
+    const size_t size = indirect_piece_bytes(g, b->blocks + g->first, row);
 
     if (size == 0)
         return ERR_OK;
@@ -166,8 +167,8 @@ static enum err read_piece(struct cache_reader *r, const struct bounce *b, struc
     return e || has_sound_gains(b, g, row) ? e : cache_reader_refuse(r, why);
 }
 
-enum err bounce_load_group(struct cache_reader *r, struct bounce *b, struct bounce_group *g, uint64_t *bytes,
-                           uint64_t max_bytes, struct reason *why)
+enum err indirect_load_group(struct cache_reader *r, struct indirect_cache *b, struct indirect_group *g,
+                             uint64_t *bytes, uint64_t max_bytes, struct reason *why)
 {
     enum err e = ERR_OK;
 
@@ -181,19 +182,19 @@ enum err bounce_load_group(struct cache_reader *r, struct bounce *b, struct boun
     if (!e && !is_sound(b, g))
         e = cache_reader_refuse(r, why);
     for (uint32_t row = 0; row < g->rows && !e; row++)
-        *bytes += bounce_piece_bytes(g, b->blocks + g->first, row);
+        *bytes += indirect_piece_bytes(g, b->blocks + g->first, row);
     if (!e && !cache_memory_suffices(max_bytes, *bytes))
-        e = bounce_say_too_large(max_bytes, why);
+        e = indirect_say_too_large(max_bytes, why);
     for (uint32_t row = 0; row < g->rows && !e; row++)
         e = read_piece(r, b, g, row, why);
     return e;
 }
 
-enum err bounce_load(struct cache_reader *r, const struct digest *key, const struct bounce_desc *desc,
-                     const struct kernels *kernels, struct bounce **out, struct reason *why)
+enum err indirect_load(struct cache_reader *r, const struct digest *key, const struct indirect_desc *desc,
+                       const struct kernels *kernels, struct indirect_cache **out, struct reason *why)
 {
-    struct bounce *b = bounce_begin(desc, kernels);
-    enum err e = !b || bounce_group(b, desc) ? no_memory(why) : cache_reader_find(r, section, key, why);
+    struct indirect_cache *b = indirect_begin(desc, kernels);
+    enum err e = !b || indirect_group(b, desc) ? no_memory(why) : cache_reader_find(r, section, key, why);
 
     *out = NULL;
     if (!e)
@@ -201,18 +202,18 @@ enum err bounce_load(struct cache_reader *r, const struct digest *key, const str
     uint64_t bytes = b ? b->stats.bytes : 0;
     for (uint32_t k = 0; !e && k < b->group_count; k++) {
         const uint64_t before = bytes;
-        e = bounce_load_group(r, b, &b->groups[k], &bytes, desc->max_bytes, why);
-        if (!cache_share_takes_all(desc->share) && !bounce_keeps(b, desc->direct, desc->share, &b->groups[k])) {
-            bounce_drop_group(b, &b->groups[k]);
+        e = indirect_load_group(r, b, &b->groups[k], &bytes, desc->max_bytes, why);
+        if (!cache_share_takes_all(desc->share) && !indirect_keeps(b, desc->direct, desc->share, &b->groups[k])) {
+            indirect_drop_group(b, &b->groups[k]);
             bytes = before;
         }
     }
     if (!e)
         e = cache_reader_end(r, why);
-    if (!e && bounce_close(b))
+    if (!e && indirect_close(b))
         e = no_memory(why);
     if (e) {
-        bounce_destroy(b);
+        indirect_destroy(b);
         return e;
     }
     *out = b;

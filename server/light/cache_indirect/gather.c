@@ -23,7 +23,7 @@
 #define FIRST_LEAST 12u /* if these are as many */
 #define ENOUGH 64.0f    /* points alike */
 
-/* A shade point with its BRDF, whose parts are rows (light/cache_direct/parts.h). */
+/* A shade point with its BRDF, whose parts are rows (light/cache_direct/internal.h). */
 struct point {
     struct vec3 at, wo;
     struct lobe own;
@@ -62,9 +62,9 @@ static bool rows_at(const struct point *p, struct vec3 w, double row[TRANSPORT_R
 
 /* Per thread. */
 struct gatherer {
-    const struct bounce_build *build;
-    struct bounce_world world;
-    struct bounce_ends ends;
+    const struct indirect_build *build;
+    struct indirect_world world;
+    struct indirect_ends ends;
 };
 
 static void add_light(const struct gatherer *g, uint32_t record, float weight, float *to)
@@ -80,17 +80,17 @@ static void add_light(const struct gatherer *g, uint32_t record, float weight, f
 static void take_ends(const struct gatherer *g, const double weight[TRANSPORT_ROWS], uint32_t rows, size_t stride,
                       float *out, bool cells)
 {
-    const struct bounce_build *b = g->build;
+    const struct indirect_build *b = g->build;
     const uint32_t k = b->b->basis.count, records = b->records.count;
 
     for (uint32_t i = 0; i < g->ends.count; i++) {
-        const struct bounce_end *e = &g->ends.at[i];
+        const struct indirect_end *e = &g->ends.at[i];
         for (uint32_t r = 0; r < rows; r++) {
             const float w[3] = { (float)(weight[r] * (double)e->weight[0]), (float)(weight[r] * (double)e->weight[1]),
                                  (float)(weight[r] * (double)e->weight[2]) };
             float *to = out + r * stride;
             if (!cells)
-                bounce_kernels_of(b->b->kernels)->add(to, b->sources + (size_t)e->source * 3 * k, w, k);
+                indirect_kernels_of(b->b->kernels)->add(to, b->sources + (size_t)e->source * 3 * k, w, k);
             else if (e->source >= records)
                 to[e->source - records] += rgb_luminance(w[0], w[1], w[2]);
             else
@@ -110,14 +110,14 @@ struct turn {
 static bool aim_ray(const struct gatherer *g, const struct point *p, uint64_t seed, const struct turn *turn, int part,
                     uint32_t i, struct vec3 *w, double row[TRANSPORT_ROWS])
 {
-    const struct bounce_spot spot = { .geometric = p->own.geometric, .shading = p->own.shading };
+    const struct indirect_spot spot = { .geometric = p->own.geometric, .shading = p->own.shading };
     double x[3] = { 0.0 };
     float unused;
 
     for (int c = 0; c < 2; c++)
         x[1 + c] = rng_unit((uint64_t)(g->build->numbers[part][i][c] * 0x1p53) << 11 ^ rng_mix(seed, (uint64_t)c));
     if (part == 0)
-        bounce_leave(&spot, x + 1, w, &unused);
+        indirect_leave(&spot, x + 1, w, &unused);
     else
         *w = lobe_sample(&p->own, p->wo, x);
     if (!rows_at(p, *w, row))
@@ -147,7 +147,7 @@ static double gather_point(struct gatherer *g, const struct point *p, uint64_t s
             if (!aim_ray(g, p, seed, turn, part, i, &w, row))
                 continue;
             g->ends.count = 0;
-            const float t = bounce_walk(&g->world, p->at, w, &rng, &g->ends);
+            const float t = indirect_walk(&g->world, p->at, w, &rng, &g->ends);
             near += part == 0 ? 1.0 / fmax((double)t, 1e-6) : 0.0;
             for (int r = 0; r < TRANSPORT_ROWS; r++)
                 open[r] += isinf(t) ? (float)row[r] : 0.0f;
@@ -156,23 +156,23 @@ static double gather_point(struct gatherer *g, const struct point *p, uint64_t s
     return near;
 }
 
-static void gatherer_init(struct gatherer *g, const struct bounce_build *b)
+static void gatherer_init(struct gatherer *g, const struct indirect_build *b)
 {
     *g = (struct gatherer){ .build = b, .world = { b->desc->scene, b->desc->rays, &b->records, NULL } };
 }
 
 /* ---- The basis ---- */
 
-static uint32_t rows_of_block(const struct bounce_build *b, uint32_t k)
+static uint32_t rows_of_block(const struct indirect_build *b, uint32_t k)
 {
     return b->b->blocks[k].rows;
 }
 
 /* Point i: the first effort.basis_points are spread evenly over the blocks, then basis_records over the records. */
-static bool basis_point(const struct bounce_build *b, uint32_t i, struct point *out)
+static bool basis_point(const struct indirect_build *b, uint32_t i, struct point *out)
 {
     const uint32_t points = b->effort->basis_points, records = b->effort->basis_records;
-    const struct bounce *t = b->b;
+    const struct indirect_cache *t = b->b;
 
     if (i < points) {
         if (t->block_count == 0)
@@ -180,7 +180,7 @@ static bool basis_point(const struct bounce_build *b, uint32_t i, struct point *
         const uint64_t slots = (uint64_t)t->block_count * TRANSPORT_POINTS;
         const uint64_t slot = (uint64_t)i * slots / points + rng_mix(b->desc->seed, i) % (slots / points + 1);
         const uint32_t k = (uint32_t)(slot / TRANSPORT_POINTS) % t->block_count;
-        const struct bounce_block *block = &t->blocks[k];
+        const struct indirect_block *block = &t->blocks[k];
         const struct shade_packet *p =
             &t->gbuffer->packets[block->first + slot % TRANSPORT_POINTS / PACKET % block->packets];
         *out = point_of(p, (uint32_t)(slot % PACKET) % p->count, rows_of_block(b, k));
@@ -189,7 +189,7 @@ static bool basis_point(const struct bounce_build *b, uint32_t i, struct point *
     if (b->records.count == 0)
         return false;
     const uint32_t r = (uint32_t)((uint64_t)(i - points) * b->records.count / records);
-    const struct bounce_spot *s = &b->records.spots[(size_t)r * BOUNCE_SPOTS];
+    const struct indirect_spot *s = &b->records.spots[(size_t)r * INDIRECT_SPOTS];
     *out = (struct point){ .at = s->at,
                            .wo = s->shading,
                            .own = { .kind = LOBE_LAMBERT, .geometric = s->geometric, .shading = s->shading },
@@ -197,7 +197,7 @@ static bool basis_point(const struct bounce_build *b, uint32_t i, struct point *
     return true;
 }
 
-enum err bounce_make_basis(struct bounce_build *b)
+enum err indirect_make_basis(struct indirect_build *b)
 {
     const uint32_t rows = b->effort->basis_points + b->effort->basis_records;
     const struct turn turn = { b->effort->basis_rays, 0, b->effort->basis_rays };
@@ -229,7 +229,7 @@ enum err bounce_make_basis(struct bounce_build *b)
     if (failed)
         e = ERR_NOMEM;
     if (!e && !is_cancelled(b->desc->cancel))
-        e = bounce_basis_init(&b->b->basis, m, rows, b->effort->basis);
+        e = indirect_basis_init(&b->b->basis, m, rows, b->effort->basis);
     mem_free(m);
     return e;
 }
@@ -238,26 +238,26 @@ enum err bounce_make_basis(struct bounce_build *b)
 
 struct bench { /* per thread */
     struct gatherer gatherer;
-    float *matrix;                                   /* [TRANSPORT_ROWS][BOUNCE_GROUP_POINTS][3 K] */
-    float *smooth;                                   /* [BOUNCE_GROUP_POINTS][3 K]: the matte row, smoothed */
-    float open[BOUNCE_GROUP_POINTS][TRANSPORT_ROWS]; /* direct light of a sky of radiance 1 */
-    double near[BOUNCE_GROUP_POINTS];                /* sum of one over the distance of hits, m^-1 */
-    bool enough[BOUNCE_GROUP_POINTS];                /* points alike for few rays */
-    struct bounce_smoother *smoother;
-    struct bounce_workspace *workspace;
+    float *matrix;                                     /* [TRANSPORT_ROWS][INDIRECT_GROUP_POINTS][3 K] */
+    float *smooth;                                     /* [INDIRECT_GROUP_POINTS][3 K]: the matte row, smoothed */
+    float open[INDIRECT_GROUP_POINTS][TRANSPORT_ROWS]; /* direct light of a sky of radiance 1 */
+    double near[INDIRECT_GROUP_POINTS];                /* sum of one over the distance of hits, m^-1 */
+    bool enough[INDIRECT_GROUP_POINTS];                /* points alike for few rays */
+    struct indirect_smoother *smoother;
+    struct indirect_workspace *workspace;
 };
 
 /* A row of a block as it is compressed: [points][3 K]. */
-static float *row_of(const struct bounce_build *b, const struct bench *w, uint32_t slot, uint32_t row)
+static float *row_of(const struct indirect_build *b, const struct bench *w, uint32_t slot, uint32_t row)
 {
     const size_t wide = 3 * (size_t)b->b->basis.count, first = (size_t)slot * TRANSPORT_POINTS;
 
-    return row == 0 ? w->smooth + first * wide : w->matrix + (row * (size_t)BOUNCE_GROUP_POINTS + first) * wide;
+    return row == 0 ? w->smooth + first * wide : w->matrix + (row * (size_t)INDIRECT_GROUP_POINTS + first) * wide;
 }
 
 /* The weight of a point's error in row r: the row's colour, relative to all light of the point under a sky of radiance
  * 1. */
-static void fill_scales(const struct bounce_build *b, const struct bench *w, const struct bounce_block *block,
+static void fill_scales(const struct indirect_build *b, const struct bench *w, const struct indirect_block *block,
                         uint32_t slot, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS])
 {
     const uint32_t points = block->packets * PACKET, k = b->b->basis.count;
@@ -280,18 +280,18 @@ static void fill_scales(const struct bounce_build *b, const struct bench *w, con
 }
 
 /* The rays that every point of a block traces: a matte one's first FIRST_SHARE. */
-static uint32_t first_rays(const struct bounce_build *b, const struct bounce_block *block)
+static uint32_t first_rays(const struct indirect_build *b, const struct indirect_block *block)
 {
     const uint32_t few = b->gather / FIRST_SHARE;
 
     return block->rows == 1 && few >= FIRST_LEAST ? few : b->gather;
 }
 
-static void gather_turn(const struct bounce_build *b, struct bench *w, const struct bounce_block *block, uint32_t at,
-                        uint32_t first, uint32_t until)
+static void gather_turn(const struct indirect_build *b, struct bench *w, const struct indirect_block *block,
+                        uint32_t at, uint32_t first, uint32_t until)
 {
     const uint32_t i = at % TRANSPORT_POINTS, packet = block->first + i / PACKET, l = i % PACKET;
-    const size_t wide = 3 * (size_t)b->b->basis.count, stride = BOUNCE_GROUP_POINTS * wide;
+    const size_t wide = 3 * (size_t)b->b->basis.count, stride = INDIRECT_GROUP_POINTS * wide;
     const struct point point = point_of(&b->b->gbuffer->packets[packet], l, block->rows);
     const struct turn turn = { b->gather, first, until };
     const uint64_t seed = rng_mix(rng_mix(b->desc->seed, 4), (uint64_t)packet * PACKET + l);
@@ -302,10 +302,11 @@ static void gather_turn(const struct bounce_build *b, struct bench *w, const str
     w->smoother->near[at] = (float)(until / fmax(w->near[at], 1e-12));
 }
 
-static void gather_block(const struct bounce_build *b, struct bench *w, const struct bounce_block *block, uint32_t slot)
+static void gather_block(const struct indirect_build *b, struct bench *w, const struct indirect_block *block,
+                         uint32_t slot)
 {
-    const size_t wide = 3 * (size_t)b->b->basis.count, stride = BOUNCE_GROUP_POINTS * wide;
-    struct bounce_smoother *s = w->smoother;
+    const size_t wide = 3 * (size_t)b->b->basis.count, stride = INDIRECT_GROUP_POINTS * wide;
+    struct indirect_smoother *s = w->smoother;
 
     for (uint32_t i = 0; i < TRANSPORT_POINTS; i++) {
         const struct shade_packet *p = &b->b->gbuffer->packets[block->first + i / PACKET];
@@ -328,15 +329,15 @@ static void gather_block(const struct bounce_build *b, struct bench *w, const st
 
 /* The noise of a point's light is that of all points whose light is averaged with its own. Points with few such points
  * trace the rest of their rays; the others' first rays count for all. */
-static void gather_rest(const struct bounce_build *b, struct bench *w, const struct bounce_group *g)
+static void gather_rest(const struct indirect_build *b, struct bench *w, const struct indirect_group *g)
 {
     const size_t wide = 3 * (size_t)b->b->basis.count;
     const uint32_t points = g->count * TRANSPORT_POINTS, reach = b->effort->reach;
 
     for (uint32_t at = 0; at < points; at++)
-        w->enough[at] = w->smoother->used[at] && bounce_alike(w->smoother, g->count, reach, at) >= ENOUGH;
+        w->enough[at] = w->smoother->used[at] && indirect_alike(w->smoother, g->count, reach, at) >= ENOUGH;
     for (uint32_t at = 0; at < points; at++) {
-        const struct bounce_block *block = &b->b->blocks[g->first + at / TRANSPORT_POINTS];
+        const struct indirect_block *block = &b->b->blocks[g->first + at / TRANSPORT_POINTS];
         const uint32_t few = first_rays(b, block);
         if (!w->smoother->used[at] || few == b->gather)
             continue;
@@ -349,10 +350,10 @@ static void gather_rest(const struct bounce_build *b, struct bench *w, const str
     }
 }
 
-static enum err gather_group(const struct bounce_build *b, struct bench *w, struct bounce_group *g)
+static enum err gather_group(const struct indirect_build *b, struct bench *w, struct indirect_group *g)
 {
     const double least = TOLERANCE * TOLERANCE / (SKY_CELLS * g->rows);
-    struct bounce_block *blocks = b->b->blocks + g->first;
+    struct indirect_block *blocks = b->b->blocks + g->first;
     float scale[TRANSPORT_ROWS][TRANSPORT_POINTS];
     enum err e = ERR_OK;
 
@@ -361,28 +362,28 @@ static enum err gather_group(const struct bounce_build *b, struct bench *w, stru
     gather_rest(b, w, g);
     if (w->gatherer.ends.failed)
         return ERR_NOMEM;
-    bounce_smooth(w->smoother, g->count, b->effort->reach, 3 * b->b->basis.count, w->matrix, w->smooth);
-    bounce_compress_begin(w->workspace);
+    indirect_smooth(w->smoother, g->count, b->effort->reach, 3 * b->b->basis.count, w->matrix, w->smooth);
+    indirect_compress_begin(w->workspace);
     for (uint32_t k = 0; k < g->count; k++) {
         const uint32_t points = blocks[k].packets * PACKET;
         fill_scales(b, w, &blocks[k], k, scale);
         for (uint32_t r = 0; r < g->rows; r++)
-            bounce_compress_block(w->workspace, k, r, points, row_of(b, w, k, r), scale[r], least);
+            indirect_compress_block(w->workspace, k, r, points, row_of(b, w, k, r), scale[r], least);
     }
     for (uint32_t r = 0; r < g->rows && !e; r++)
-        e = bounce_compress_end(w->workspace, g, blocks, r, least);
+        e = indirect_compress_end(w->workspace, g, blocks, r, least);
     return e;
 }
 
-static bool bench_init(struct bench *w, const struct bounce_build *b)
+static bool bench_init(struct bench *w, const struct indirect_build *b)
 {
-    const size_t matrix = (size_t)BOUNCE_GROUP_POINTS * 3 * b->b->basis.count;
+    const size_t matrix = (size_t)INDIRECT_GROUP_POINTS * 3 * b->b->basis.count;
 
     gatherer_init(&w->gatherer, b);
     w->matrix = mem_alloc(TRANSPORT_ROWS * matrix, sizeof(float));
     w->smooth = mem_alloc(matrix, sizeof(float));
-    w->workspace = bounce_workspace_create(b->b->basis.count);
-    w->smoother = bounce_smoother_create();
+    w->workspace = indirect_workspace_create(b->b->basis.count);
+    w->smoother = indirect_smoother_create();
     return w->matrix && w->smooth && w->workspace && w->smoother;
 }
 
@@ -391,13 +392,13 @@ static void bench_finish(struct bench *w)
     mem_free(w->matrix);
     mem_free(w->smooth);
     mem_free(w->gatherer.ends.at);
-    bounce_smoother_destroy(w->smoother);
-    bounce_workspace_destroy(w->workspace);
+    indirect_smoother_destroy(w->smoother);
+    indirect_workspace_destroy(w->workspace);
 }
 
 /* Gathers a batch of groups. The memory limit is checked after each batch, so that the result does not depend on the
  * number of threads. */
-static enum err gather_batch(struct bounce_build *b, struct bench *benches, uint32_t first, uint32_t until)
+static enum err gather_batch(struct indirect_build *b, struct bench *benches, uint32_t first, uint32_t until)
 {
     int failed = 0;
 
@@ -409,7 +410,7 @@ static enum err gather_batch(struct bounce_build *b, struct bench *benches, uint
         for (uint32_t k = first; k < until; k++) {
             if (is_cancelled(b->desc->cancel) || !cache_share_computes(b->desc->share, k))
                 continue;
-            struct bounce_group *g = &b->b->groups[k];
+            struct indirect_group *g = &b->b->groups[k];
             failed += gather_group(b, w, g) != ERR_OK;
             for (uint32_t i = g->first; i < g->first + g->count; i++)
                 progress_step(b->desc->progress, b->b->blocks[i].packets);
@@ -419,19 +420,19 @@ static enum err gather_batch(struct bounce_build *b, struct bench *benches, uint
     return failed ? ERR_NOMEM : ERR_OK;
 }
 
-static uint64_t group_bytes(const struct bounce *b, const struct bounce_group *g)
+static uint64_t group_bytes(const struct indirect_cache *b, const struct indirect_group *g)
 {
     uint64_t bytes = 0;
 
     for (uint32_t r = 0; r < g->rows; r++)
-        bytes += bounce_piece_bytes(g, b->blocks + g->first, r);
+        bytes += indirect_piece_bytes(g, b->blocks + g->first, r);
     return bytes;
 }
 
 /* The coefficients of a sky of radiance 1. */
-static enum err make_even(struct bounce_build *b)
+static enum err make_even(struct indirect_build *b)
 {
-    const struct bounce_basis *basis = &b->b->basis;
+    const struct indirect_basis *basis = &b->b->basis;
 
     b->even = mem_alloc(basis->count, sizeof(*b->even));
     for (uint32_t k = 0; b->even && k < basis->count; k++)
@@ -440,12 +441,12 @@ static enum err make_even(struct bounce_build *b)
     return b->even ? ERR_OK : ERR_NOMEM;
 }
 
-enum err bounce_gather_blocks(struct bounce_build *b)
+enum err indirect_gather_blocks(struct indirect_build *b)
 {
     uint64_t bytes = b->b->stats.bytes;
     const uint32_t threads = (uint32_t)omp_get_max_threads();
     struct bench *benches = mem_alloc(threads, sizeof(*benches));
-    enum err e = benches ? bounce_group(b->b, b->desc) : ERR_NOMEM;
+    enum err e = benches ? indirect_group(b->b, b->desc) : ERR_NOMEM;
 
     if (!e)
         e = make_even(b);

@@ -1,6 +1,6 @@
 /* Groups blocks that share V: close together in the image, of similar orientation and distance. */
 #include "base/mem.h"
-#include "light/cache_indirect/parts.h"
+#include "light/cache_indirect/internal.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -10,11 +10,11 @@
 #define AWAY 0.5f   /* weight of distances, in units of the mean distance */
 
 struct trait {
-    struct bounce_block block;
+    struct indirect_block block;
     float at[TRAITS], key;
 };
 
-static void add_trait(const struct bounce_desc *d, const struct shade_packet *p, uint32_t l, float mean,
+static void add_trait(const struct indirect_desc *d, const struct shade_packet *p, uint32_t l, float mean,
                       float at[TRAITS])
 {
     const struct vec3 to = vec3_sub((struct vec3){ p->x[l], p->y[l], p->z[l] }, d->eye);
@@ -26,7 +26,7 @@ static void add_trait(const struct bounce_desc *d, const struct shade_packet *p,
         at[k] += traits[k];
 }
 
-static float mean_distance(const struct bounce_desc *d)
+static float mean_distance(const struct indirect_desc *d)
 {
     const struct gbuffer *g = d->gbuffer;
     double sum = 0.0;
@@ -39,7 +39,7 @@ static float mean_distance(const struct bounce_desc *d)
     return count > 0 && sum > 0.0 ? (float)(sum / (double)count) : 1.0f;
 }
 
-static void fill_traits(const struct bounce_desc *d, float mean, struct trait *t)
+static void fill_traits(const struct indirect_desc *d, float mean, struct trait *t)
 {
     float count = 0.0f;
 
@@ -76,7 +76,7 @@ static void split(struct trait *t, uint32_t count)
     float widest = -1.0f;
     int along = 0;
 
-    if (count <= BOUNCE_GROUP)
+    if (count <= INDIRECT_GROUP)
         return;
     for (int k = 0; k < TRAITS; k++) {
         float least = INFINITY, most = -INFINITY;
@@ -92,27 +92,27 @@ static void split(struct trait *t, uint32_t count)
     for (uint32_t i = 0; i < count; i++)
         t[i].key = t[i].at[along];
     qsort(t, count, sizeof(*t), by_key);
-    const uint32_t groups = (count + BOUNCE_GROUP - 1) / BOUNCE_GROUP, first = groups / 2 * BOUNCE_GROUP;
+    const uint32_t groups = (count + INDIRECT_GROUP - 1) / INDIRECT_GROUP, first = groups / 2 * INDIRECT_GROUP;
     split(t, first);
     split(t + first, count - first);
 }
 
 /* Writes the blocks in the order of their groups, whose blocks have the same number of rows. */
-static void write_down(struct bounce *b, const struct trait *traits)
+static void write_down(struct indirect_cache *b, const struct trait *traits)
 {
     b->group_count = 0;
     for (uint32_t k = 0; k < b->block_count; k++) {
-        struct bounce_group *g = k > 0 ? &b->groups[b->group_count - 1] : NULL;
+        struct indirect_group *g = k > 0 ? &b->groups[b->group_count - 1] : NULL;
         b->blocks[k] = traits[k].block;
-        if (!g || g->count == BOUNCE_GROUP || g->rows != b->blocks[k].rows) {
+        if (!g || g->count == INDIRECT_GROUP || g->rows != b->blocks[k].rows) {
             g = &b->groups[b->group_count++];
-            *g = (struct bounce_group){ .first = k, .rows = b->blocks[k].rows };
+            *g = (struct indirect_group){ .first = k, .rows = b->blocks[k].rows };
         }
         g->count++;
     }
 }
 
-enum err bounce_group(struct bounce *b, const struct bounce_desc *d)
+enum err indirect_group(struct indirect_cache *b, const struct indirect_desc *d)
 {
     struct trait *traits = mem_alloc(b->block_count, sizeof(*traits));
     const float mean = mean_distance(d);

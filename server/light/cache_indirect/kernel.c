@@ -1,7 +1,7 @@
-/* The loops of the cache of indirect light (light/cache_indirect/parts.h): compiled once per CPU level, see
+/* The loops of the cache of indirect light (light/cache_indirect/internal.h): compiled once per CPU level, see
  * CMakeLists.txt. */
 #include "light/cache_direct/half_lanes.h"
-#include "light/cache_indirect/parts.h"
+#include "light/cache_indirect/internal.h"
 
 static void add(float *to, const float *from, const float weight[3], uint32_t basis)
 {
@@ -16,7 +16,7 @@ static void add(float *to, const float *from, const float weight[3], uint32_t ba
 /* Rows processed together, so that their sums are independent. */
 #define ROWS 4u
 
-static void take(const struct bounce_basis *q, float (*sky)[SKY_CELLS], float *y)
+static void take(const struct indirect_basis *q, float (*sky)[SKY_CELLS], float *y)
 {
     for (uint32_t first = 0; first < q->count; first += ROWS) {
         const uint32_t rows = q->count - first < ROWS ? q->count - first : ROWS;
@@ -36,9 +36,9 @@ static void take(const struct bounce_basis *q, float (*sky)[SKY_CELLS], float *y
     }
 }
 
-static void project(const struct bounce_piece *q, const float *y, uint32_t basis, float *z)
+static void project(const struct indirect_piece *q, const float *y, uint32_t basis, float *z)
 {
-    const uint32_t columns = bounce_columns(q->rank);
+    const uint32_t columns = indirect_columns(q->rank);
     const int8_t *v = q->bytes;
 
     memset(z, 0, 3 * columns * sizeof(*z));
@@ -78,7 +78,7 @@ static void expand(const int8_t *bytes, uint32_t rank, const float *z, uint32_t 
                    float out[3][TRANSPORT_POINTS])
 {
     const int8_t *w = bytes + rank * sizeof(float), *u = w + (size_t)rank * columns;
-    float y[BOUNCE_RANK_MAX][3];
+    float y[INDIRECT_RANK_MAX][3];
 
     for (uint32_t k = 0; k < rank; k++, w += columns) {
         float gain;
@@ -97,5 +97,5 @@ static void expand(const int8_t *bytes, uint32_t rank, const float *z, uint32_t 
     }
 }
 
-extern const struct bounce_kernels KERNEL(bounce_kernels);
-const struct bounce_kernels KERNEL(bounce_kernels) = { take, add, project, expand };
+extern const struct indirect_kernels KERNEL(indirect_kernels);
+const struct indirect_kernels KERNEL(indirect_kernels) = { take, add, project, expand };

@@ -1,10 +1,10 @@
-#include "light/cache_indirect/parts.h"
+#include "light/cache_indirect/internal.h"
 
-extern const struct bounce_kernels bounce_kernels_baseline, bounce_kernels_v3, bounce_kernels_v4;
+extern const struct indirect_kernels indirect_kernels_baseline, indirect_kernels_v3, indirect_kernels_v4;
 
-const struct bounce_kernels *bounce_kernels_of(const struct kernels *k)
+const struct indirect_kernels *indirect_kernels_of(const struct kernels *k)
 {
-    static const struct bounce_kernels *const by_level[CPU_LEVELS] = KERNEL_TABLE(bounce_kernels);
+    static const struct indirect_kernels *const by_level[CPU_LEVELS] = KERNEL_TABLE(indirect_kernels);
 
     return by_level[k->cpu];
 }

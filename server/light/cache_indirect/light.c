@@ -1,5 +1,5 @@
 /* The records: their positions, their direct light from the sky, and the light exchanged between them. */
-#include "light/cache_indirect/parts.h"
+#include "light/cache_indirect/internal.h"
 
 #include "base/cancel.h"
 #include "base/denormals.h"
@@ -23,13 +23,13 @@
 
 /* ---- Places ---- */
 
-static void move_spots(struct bounce_spots *to, struct bounce_spots *from)
+static void move_spots(struct indirect_spots *to, struct indirect_spots *from)
 {
     if (to->failed || from->failed || from->count == 0) {
         to->failed |= from->failed;
         return;
     }
-    struct bounce_spot *at = mem_grow(to->at, to->count, to->count + from->count, sizeof(*at));
+    struct indirect_spot *at = mem_grow(to->at, to->count, to->count + from->count, sizeof(*at));
     if (!at) {
         to->failed = true;
         return;
@@ -40,7 +40,8 @@ static void move_spots(struct bounce_spots *to, struct bounce_spots *from)
     from->count = 0;
 }
 
-static void probe(const struct bounce_world *w, const struct bounce_spot *from, uint64_t seed, struct bounce_ends *ends)
+static void probe(const struct indirect_world *w, const struct indirect_spot *from, uint64_t seed,
+                  struct indirect_ends *ends)
 {
     struct rng rng = { seed };
     const double x[2] = { rng_next(&rng), rng_next(&rng) };
@@ -48,44 +49,44 @@ static void probe(const struct bounce_world *w, const struct bounce_spot *from, 
     struct vec3 dir;
     float weight;
 
-    if (!bounce_leave(from, x, &dir, &weight))
+    if (!indirect_leave(from, x, &dir, &weight))
         return;
-    bounce_walk(w, from->at, dir, &rng, ends);
+    indirect_walk(w, from->at, dir, &rng, ends);
     for (uint32_t k = before; k < w->found->count; k++)
         w->found->at[k].order = rng_next(&rng) * 0x1p63;
 }
 
-static struct bounce_spot spot_of_lane(const struct shade_packet *p, uint32_t l)
+static struct indirect_spot spot_of_lane(const struct shade_packet *p, uint32_t l)
 {
-    return (struct bounce_spot){ .at = { p->x[l], p->y[l], p->z[l] },
-                                 .geometric = { p->ng_x[l], p->ng_y[l], p->ng_z[l] },
-                                 .shading = { p->ns_x[l], p->ns_y[l], p->ns_z[l] },
-                                 .kind = LOBE_LAMBERT };
+    return (struct indirect_spot){ .at = { p->x[l], p->y[l], p->z[l] },
+                                   .geometric = { p->ng_x[l], p->ng_y[l], p->ng_z[l] },
+                                   .shading = { p->ns_x[l], p->ns_y[l], p->ns_z[l] },
+                                   .kind = LOBE_LAMBERT };
 }
 
 /* Traces rays from the shade points, evenly over all of them, and then from the hits of the first rays. */
-static void probe_all(struct bounce_build *b, struct bounce_spots *all, bool second)
+static void probe_all(struct indirect_build *b, struct indirect_spots *all, bool second)
 {
     const uint32_t probes = PROBES * b->most;
     const struct gbuffer *g = b->desc->gbuffer;
     const uint32_t from = second ? all->count : g->packet_count * PACKET;
     const uint32_t each = second ? 1 : probes / (from ? from : 1) + 1;
     const uint32_t step = second ? 1 : from / probes + 1;
-    struct bounce_spots found_by_all = { .at = NULL };
+    struct indirect_spots found_by_all = { .at = NULL };
     uint64_t rays = 0;
 
 #pragma omp parallel reduction(+ : rays)
     {
         const unsigned before = denormals_flush();
-        struct bounce_spots found = { .at = NULL };
-        struct bounce_ends ends = { .at = NULL };
-        const struct bounce_world w = { b->desc->scene, b->desc->rays, &b->records, &found };
+        struct indirect_spots found = { .at = NULL };
+        struct indirect_ends ends = { .at = NULL };
+        const struct indirect_world w = { b->desc->scene, b->desc->rays, &b->records, &found };
 #pragma omp for schedule(dynamic, 256)
         for (uint32_t i = 0; i < from; i += step) {
             const struct shade_packet *p = second ? NULL : &g->packets[i / PACKET];
             if (is_cancelled(b->desc->cancel) || (p && i % PACKET >= p->count))
                 continue;
-            const struct bounce_spot spot = second ? all->at[i] : spot_of_lane(p, i % PACKET);
+            const struct indirect_spot spot = second ? all->at[i] : spot_of_lane(p, i % PACKET);
             for (uint32_t k = 0; k < each; k++)
                 probe(&w, &spot,
                       rng_mix(rng_mix(b->desc->seed, second ? 1 : 2), second ? spot.order : (uint64_t)i * each + k),
@@ -102,10 +103,10 @@ static void probe_all(struct bounce_build *b, struct bounce_spots *all, bool sec
     b->rays += rays;
 }
 
-enum err bounce_find_records(struct bounce_build *b)
+enum err indirect_find_records(struct indirect_build *b)
 {
-    const struct bounce_desc *d = b->desc;
-    struct bounce_spots all = { .at = NULL };
+    const struct indirect_desc *d = b->desc;
+    struct indirect_spots all = { .at = NULL };
     enum err e = ERR_NOMEM;
 
     /* half the number of points: each record is then hit by a hundred rays or more */
@@ -121,7 +122,7 @@ enum err bounce_find_records(struct bounce_build *b)
     if (!all.failed)
         probe_all(b, &all, true);
     if (!all.failed)
-        e = bounce_records_init(&b->records, &all, b->most);
+        e = indirect_records_init(&b->records, &all, b->most);
     b->b->stats.records = b->records.count;
     mem_free(all.at);
     return e;
@@ -130,30 +131,30 @@ enum err bounce_find_records(struct bounce_build *b)
 /* ---- Direct light ---- */
 
 /* Both halves of the packet are the record's spots. */
-static void set_origins(const struct bounce_spot *spots, struct ray16 *ray)
+static void set_origins(const struct indirect_spot *spots, struct ray16 *ray)
 {
     memset(ray, 0, sizeof(*ray));
     for (uint32_t l = 0; l < PACKET; l++) {
-        ray->org_x[l] = spots[l % BOUNCE_SPOTS].at.x;
-        ray->org_y[l] = spots[l % BOUNCE_SPOTS].at.y;
-        ray->org_z[l] = spots[l % BOUNCE_SPOTS].at.z;
+        ray->org_x[l] = spots[l % INDIRECT_SPOTS].at.x;
+        ray->org_y[l] = spots[l % INDIRECT_SPOTS].at.y;
+        ray->org_z[l] = spots[l % INDIRECT_SPOTS].at.z;
         ray->mask[l] = UINT32_MAX;
     }
 }
 
-uint32_t bounce_direction(uint32_t cell, uint64_t turn, uint32_t l, uint32_t *which)
+uint32_t indirect_direction(uint32_t cell, uint64_t turn, uint32_t l, uint32_t *which)
 {
-    const uint32_t spot = (l ^ (uint32_t)turn) % BOUNCE_SPOTS, random = (uint32_t)(turn >> (8 + 2 * l)) % 4;
+    const uint32_t spot = (l ^ (uint32_t)turn) % INDIRECT_SPOTS, random = (uint32_t)(turn >> (8 + 2 * l)) % 4;
 
-    *which = 2 * (l / BOUNCE_SPOTS) + spot % 2;
+    *which = 2 * (l / INDIRECT_SPOTS) + spot % 2;
     const uint32_t quarter = ((uint32_t)(turn >> (40 + 2 * *which)) ^ spot / 2) % 4;
-    return (cell + *which) * PACKET + (2 * (quarter / 2) + random / 2) * BOUNCE_SIDE + 2 * (quarter % 2) + random % 2;
+    return (cell + *which) * PACKET + (2 * (quarter / 2) + random / 2) * INDIRECT_SIDE + 2 * (quarter % 2) + random % 2;
 }
 
 /* Traces two directions from each spot of a record, through TOGETHER cells: out[cell] is the mean of cos / pi (for ggx,
  * of the matte part's share of it) times the solid angle. */
-static void light_by(const struct bounce_build *b, const struct bounce_spot *spots, struct ray16 *ray, uint32_t cell,
-                     float out[TOGETHER], uint64_t *rays)
+static void light_by(const struct indirect_build *b, const struct indirect_spot *spots, struct ray16 *ray,
+                     uint32_t cell, float out[TOGETHER], uint64_t *rays)
 {
     const uint64_t turn = rng_mix(spots->key, cell);
     _Alignas(64) int32_t valid[PACKET];
@@ -161,9 +162,9 @@ static void light_by(const struct bounce_build *b, const struct bounce_spot *spo
     uint32_t which[PACKET], count = 0;
 
     for (uint32_t l = 0; l < PACKET; l++) {
-        const uint32_t at = bounce_direction(cell, turn, l, &which[l]);
+        const uint32_t at = indirect_direction(cell, turn, l, &which[l]);
         const float x = b->directions.x[at], y = b->directions.y[at], z = b->directions.z[at];
-        const struct bounce_spot *s = &spots[l % BOUNCE_SPOTS];
+        const struct indirect_spot *s = &spots[l % INDIRECT_SPOTS];
         const float above = s->geometric.x * x + s->geometric.y * y + s->geometric.z * z;
         const float cosine = s->shading.x * x + s->shading.y * y + s->shading.z * z, q = 1.0f - cosine;
         const float enter = s->kind == LOBE_GGX ? 1.0f - q * q * q * q * q : 1.0f;
@@ -184,9 +185,9 @@ static void light_by(const struct bounce_build *b, const struct bounce_spot *spo
         out[which[l]] += valid[l] && ray->tfar[l] > 0.0f ? value[l] * (float)(4.0 / PI) : 0.0f;
 }
 
-static uint64_t light_record(const struct bounce_build *b, uint32_t r)
+static uint64_t light_record(const struct indirect_build *b, uint32_t r)
 {
-    const struct bounce_spot *spots = b->records.spots + (size_t)r * BOUNCE_SPOTS;
+    const struct indirect_spot *spots = b->records.spots + (size_t)r * INDIRECT_SPOTS;
     uint16_t *light = b->light + (size_t)r * SKY_CELLS;
     struct ray16 ray;
     uint64_t rays = 0;
@@ -202,7 +203,7 @@ static uint64_t light_record(const struct bounce_build *b, uint32_t r)
     return rays;
 }
 
-enum err bounce_light_records(struct bounce_build *b)
+enum err indirect_light_records(struct indirect_build *b)
 {
     const uint32_t records = b->records.count;
     uint64_t rays = 0;
@@ -222,12 +223,12 @@ enum err bounce_light_records(struct bounce_build *b)
 
 /* ---- Light between records ---- */
 
-static void trace_record(const struct bounce_build *b, const struct bounce_world *w, uint32_t r,
-                         struct bounce_ends *ends)
+static void trace_record(const struct indirect_build *b, const struct indirect_world *w, uint32_t r,
+                         struct indirect_ends *ends)
 {
     precedence_give_way(b->desc->urgent);
-    for (uint32_t k = 0; k < BOUNCE_SPOTS * RAYS_OF_SPOT; k++) {
-        const struct bounce_spot *s = &b->records.spots[(size_t)r * BOUNCE_SPOTS + k % BOUNCE_SPOTS];
+    for (uint32_t k = 0; k < INDIRECT_SPOTS * RAYS_OF_SPOT; k++) {
+        const struct indirect_spot *s = &b->records.spots[(size_t)r * INDIRECT_SPOTS + k % INDIRECT_SPOTS];
         const uint64_t seed = rng_mix(b->desc->seed, s->key);
         struct rng rng = { rng_mix(seed, k) };
         const uint32_t before = ends->count;
@@ -235,18 +236,18 @@ static void trace_record(const struct bounce_build *b, const struct bounce_world
         double x[2];
         float weight;
         rng_sobol2(seed, k, x);
-        if (!bounce_leave(s, x, &dir, &weight))
+        if (!indirect_leave(s, x, &dir, &weight))
             continue;
-        bounce_walk(w, s->at, dir, &rng, ends);
+        indirect_walk(w, s->at, dir, &rng, ends);
         for (uint32_t i = before; i < ends->count; i++)
             for (int c = 0; c < 3; c++)
-                ends->at[i].weight[c] *= weight / (float)(BOUNCE_SPOTS * RAYS_OF_SPOT);
+                ends->at[i].weight[c] *= weight / (float)(INDIRECT_SPOTS * RAYS_OF_SPOT);
     }
 }
 
-static bool trace_exchange(struct bounce_build *b, struct bounce_ends *all)
+static bool trace_exchange(struct indirect_build *b, struct indirect_ends *all)
 {
-    const struct bounce_world w = { b->desc->scene, b->desc->rays, &b->records, NULL };
+    const struct indirect_world w = { b->desc->scene, b->desc->rays, &b->records, NULL };
     uint64_t rays = 0;
     int failed = 0;
 
@@ -263,7 +264,7 @@ static bool trace_exchange(struct bounce_build *b, struct bounce_ends *all)
 }
 
 /* Direct light in the basis, the same for each colour, followed by the cells' own rows. */
-static void project_light(const struct bounce_build *b, float *out)
+static void project_light(const struct indirect_build *b, float *out)
 {
     const uint32_t k = b->b->basis.count, records = b->records.count;
     const float *rows = b->b->basis.rows;
@@ -287,8 +288,8 @@ static void project_light(const struct bounce_build *b, float *out)
 }
 
 /* next = light + one bounce of `now`. square: sums of squares of the change, and of the result. */
-static void bounce_once(const struct bounce_build *b, const struct bounce_ends *all, const float *light,
-                        const float *now, float *next, double square[2])
+static void indirect_once(const struct indirect_build *b, const struct indirect_ends *all, const float *light,
+                          const float *now, float *next, double square[2])
 {
     const uint32_t records = b->records.count, k = b->b->basis.count;
     const size_t row = 3 * (size_t)k;
@@ -299,7 +300,7 @@ static void bounce_once(const struct bounce_build *b, const struct bounce_ends *
         float *to = next + r * row;
         memcpy(to, light + r * row, row * sizeof(float));
         for (uint32_t i = 0; i < all[r].count; i++)
-            bounce_kernels_of(b->b->kernels)->add(to, now + all[r].at[i].source * row, all[r].at[i].weight, k);
+            indirect_kernels_of(b->b->kernels)->add(to, now + all[r].at[i].source * row, all[r].at[i].weight, k);
         for (size_t i = 0; i < row && part; i++) {
             const double d = (double)to[i] - (double)now[r * row + i];
             part[2 * r] += d * d;
@@ -317,7 +318,7 @@ static void bounce_once(const struct bounce_build *b, const struct bounce_ends *
 }
 
 /* Iterates until the rest, estimated as a geometric series from the last two changes, is below REST. */
-static void iterate(struct bounce_build *b, const struct bounce_ends *all, const float *light, float *spare)
+static void iterate(struct indirect_build *b, const struct indirect_ends *all, const float *light, float *spare)
 {
     const uint32_t records = b->records.count, k = b->b->basis.count;
     const size_t row = 3 * (size_t)k;
@@ -326,7 +327,7 @@ static void iterate(struct bounce_build *b, const struct bounce_ends *all, const
     memcpy(spare + records * row, light + records * row, SKY_CELLS * row * sizeof(float));
     for (uint32_t i = 0; i < BOUNCES_MOST && !is_cancelled(b->desc->cancel); i++) {
         double square[2];
-        bounce_once(b, all, light, b->sources, spare, square);
+        indirect_once(b, all, light, b->sources, spare, square);
         float *swap = b->sources;
         b->sources = spare;
         spare = swap;
@@ -340,10 +341,10 @@ static void iterate(struct bounce_build *b, const struct bounce_ends *all, const
     }
 }
 
-enum err bounce_solve(struct bounce_build *b)
+enum err indirect_solve(struct indirect_build *b)
 {
     const size_t row = 3 * (size_t)b->b->basis.count, count = (size_t)b->records.count + SKY_CELLS;
-    struct bounce_ends *all = mem_alloc(b->records.count, sizeof(*all));
+    struct indirect_ends *all = mem_alloc(b->records.count, sizeof(*all));
     float *light = mem_alloc(count, row * sizeof(float)), *spare = mem_alloc(count, row * sizeof(float));
     enum err e = ERR_NOMEM;
 

@@ -1,6 +1,6 @@
 /* Finds the voxel of a position and its record. */
 #include "base/mem.h"
-#include "light/cache_indirect/parts.h"
+#include "light/cache_indirect/internal.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -32,7 +32,7 @@ static uint64_t place(float x, double scale)
 }
 
 /* The voxel size, as a power of two, at a place hit by a ray of length t. */
-static int level_of(const struct bounce_records *r, struct vec3 at, float t)
+static int level_of(const struct indirect_records *r, struct vec3 at, float t)
 {
     const double whole = (double)r->angle * (double)vec3_length(vec3_sub(at, r->eye));
     const double size = fmax(fmin(whole, NEAR * (double)t), LEAST * whole);
@@ -41,7 +41,7 @@ static int level_of(const struct bounce_records *r, struct vec3 at, float t)
     return level < LEVEL_LEAST ? LEVEL_LEAST : level > LEVEL_MOST ? LEVEL_MOST : level;
 }
 
-static uint64_t key_of(int level, struct vec3 at, const struct bounce_spot *s)
+static uint64_t key_of(int level, struct vec3 at, const struct indirect_spot *s)
 {
     const double scale = ldexp(1.0, -level);
     uint64_t key = (uint64_t)(level - LEVEL_LEAST) << 7 | normal_part(s->shading) << 1 | (s->kind == LOBE_GGX);
@@ -51,17 +51,17 @@ static uint64_t key_of(int level, struct vec3 at, const struct bounce_spot *s)
     return key << PLACE_BITS | place(at.z, scale);
 }
 
-static uint32_t find(const struct bounce_records *r, uint64_t key)
+static uint32_t find(const struct indirect_records *r, uint64_t key)
 {
     for (uint32_t at = (uint32_t)rng_hash(key) & r->mask; r->table[at]; at = (at + 1) & r->mask)
-        if (r->spots[(size_t)(r->table[at] - 1) * BOUNCE_SPOTS].key == key)
+        if (r->spots[(size_t)(r->table[at] - 1) * INDIRECT_SPOTS].key == key)
             return r->table[at] - 1;
-    return BOUNCE_NO_RECORD;
+    return INDIRECT_NO_RECORD;
 }
 
 /* Looks up a random place on the surface within half a voxel, so that the borders of voxels are smooth on average; else
  * the place itself, then larger voxels. */
-uint32_t bounce_find(const struct bounce_records *r, const struct bounce_spot *s, const double x[2])
+uint32_t indirect_find(const struct indirect_records *r, const struct indirect_spot *s, const double x[2])
 {
     const int level = level_of(r, s->at, s->length), top = level_of(r, s->at, INFINITY);
     const float half = ldexpf(1.0f, level - 1);
@@ -71,31 +71,31 @@ uint32_t bounce_find(const struct bounce_records *r, const struct bounce_spot *s
     const struct vec3 beside = vec3_add(s->at, vec3_add(vec3_scale(t, half * (float)(2.0 * x[0] - 1.0)),
                                                         vec3_scale(u, half * (float)(2.0 * x[1] - 1.0))));
     uint32_t found = find(r, key_of(level, beside, s));
-    for (int k = level; k <= top && found == BOUNCE_NO_RECORD; k++)
+    for (int k = level; k <= top && found == INDIRECT_NO_RECORD; k++)
         found = find(r, key_of(k, s->at, s));
     return found;
 }
 
 static int by_key(const void *a, const void *b)
 {
-    const struct bounce_spot *x = a, *y = b;
+    const struct indirect_spot *x = a, *y = b;
 
     if (x->key != y->key)
         return x->key < y->key ? -1 : 1;
     return x->order < y->order ? -1 : x->order > y->order;
 }
 
-static void set_keys(const struct bounce_records *r, struct bounce_spots *s)
+static void set_keys(const struct indirect_records *r, struct indirect_spots *s)
 {
 #pragma omp parallel for schedule(static)
     for (uint32_t i = 0; i < s->count; i++) {
-        struct bounce_spot *x = &s->at[i];
+        struct indirect_spot *x = &s->at[i];
         x->key = key_of(level_of(r, x->at, x->length), x->at, x);
     }
 }
 
 /* Whether the spots are in at most `most` voxels, without sorting all of them. set: [mask + 1], more than `most`. */
-static bool fits(const struct bounce_spots *s, uint32_t most, uint64_t *set, uint32_t mask)
+static bool fits(const struct indirect_spots *s, uint32_t most, uint64_t *set, uint32_t mask)
 {
     uint32_t count = 0;
 
@@ -113,7 +113,7 @@ static bool fits(const struct bounce_spots *s, uint32_t most, uint64_t *set, uin
 }
 
 /* Chooses the smallest voxels that are few enough. */
-static enum err choose_angle(struct bounce_records *r, struct bounce_spots *s, uint32_t most)
+static enum err choose_angle(struct indirect_records *r, struct indirect_spots *s, uint32_t most)
 {
     uint32_t slots = 16;
 
@@ -129,7 +129,7 @@ static enum err choose_angle(struct bounce_records *r, struct bounce_spots *s, u
 }
 
 /* Sorts the spots by voxel; returns the number of voxels. */
-static uint32_t sort_spots(struct bounce_spots *s)
+static uint32_t sort_spots(struct indirect_spots *s)
 {
     uint32_t count = 0;
 
@@ -140,15 +140,15 @@ static uint32_t sort_spots(struct bounce_spots *s)
     return count;
 }
 
-static void take_spots(struct bounce_records *r, const struct bounce_spots *s)
+static void take_spots(struct indirect_records *r, const struct indirect_spots *s)
 {
     uint32_t record = 0;
 
     for (uint32_t first = 0, end; first < s->count; first = end, record++) {
         for (end = first + 1; end < s->count && s->at[end].key == s->at[first].key; end++)
             ;
-        for (uint32_t l = 0; l < BOUNCE_SPOTS; l++)
-            r->spots[(size_t)record * BOUNCE_SPOTS + l] = s->at[first + l % (end - first)];
+        for (uint32_t l = 0; l < INDIRECT_SPOTS; l++)
+            r->spots[(size_t)record * INDIRECT_SPOTS + l] = s->at[first + l % (end - first)];
         uint32_t at = (uint32_t)rng_hash(s->at[first].key) & r->mask;
         while (r->table[at])
             at = (at + 1) & r->mask;
@@ -156,7 +156,7 @@ static void take_spots(struct bounce_records *r, const struct bounce_spots *s)
     }
 }
 
-enum err bounce_records_init(struct bounce_records *r, struct bounce_spots *spots, uint32_t most)
+enum err indirect_records_init(struct indirect_records *r, struct indirect_spots *spots, uint32_t most)
 {
     uint32_t slots = 16;
 
@@ -167,16 +167,16 @@ enum err bounce_records_init(struct bounce_records *r, struct bounce_spots *spot
         slots *= 2;
     r->mask = slots - 1;
     r->table = mem_alloc(slots, sizeof(*r->table));
-    r->spots = mem_alloc(((size_t)r->count + 1) * BOUNCE_SPOTS, sizeof(*r->spots));
+    r->spots = mem_alloc(((size_t)r->count + 1) * INDIRECT_SPOTS, sizeof(*r->spots));
     if (!r->table || !r->spots)
         return ERR_NOMEM;
     take_spots(r, spots);
     return ERR_OK;
 }
 
-void bounce_records_finish(struct bounce_records *r)
+void indirect_records_finish(struct indirect_records *r)
 {
     mem_free(r->spots);
     mem_free(r->table);
-    *r = (struct bounce_records){ .count = 0 };
+    *r = (struct indirect_records){ .count = 0 };
 }

@@ -1,14 +1,14 @@
 /* A cache of indirect light in several processes (light/cache/cache_share.h): its groups are the units. */
 #include "base/mem.h"
 #include "light/cache/cache_share.h"
-#include "light/cache_indirect/parts.h"
+#include "light/cache_indirect/internal.h"
 
 #include <string.h>
 
 static const char section[] = "groups";
 
-bool bounce_keeps(const struct bounce *b, const struct transport *direct, const struct cache_share *s,
-                  const struct bounce_group *g)
+bool indirect_keeps(const struct indirect_cache *b, const struct transport *direct, const struct cache_share *s,
+                  const struct indirect_group *g)
 {
     for (uint32_t i = g->first; i < g->first + g->count; i++)
         if (transport_keeps(direct, s, b->blocks[i].first))
@@ -16,18 +16,18 @@ bool bounce_keeps(const struct bounce *b, const struct transport *direct, const 
     return false;
 }
 
-void bounce_drop_group(struct bounce *b, struct bounce_group *g)
+void indirect_drop_group(struct indirect_cache *b, struct indirect_group *g)
 {
     for (uint32_t r = 0; r < TRANSPORT_ROWS; r++) {
         mem_free(g->pieces[r].bytes);
-        g->pieces[r] = (struct bounce_piece){ .bytes = NULL };
+        g->pieces[r] = (struct indirect_piece){ .bytes = NULL };
     }
     for (uint32_t i = g->first; i < g->first + g->count; i++)
         memset(b->blocks[i].rank, 0, sizeof(b->blocks[i].rank));
 }
 
 /* Removes blocks that are not needed from the stream, in which blocks are in the order of their packets. */
-static enum err shorten(struct bounce *b, const struct transport *direct, const struct cache_share *s)
+static enum err shorten(struct indirect_cache *b, const struct transport *direct, const struct cache_share *s)
 {
     const uint32_t packets = b->gbuffer->packet_count;
     size_t to = 0, end;
@@ -40,7 +40,7 @@ static enum err shorten(struct bounce *b, const struct transport *direct, const 
         const size_t at = (size_t)b->places[p].at * 8;
         end = next < packets ? (size_t)b->places[next].at * 8 : b->stream_size;
         if (!transport_keeps(direct, s, p)) {
-            b->places[p] = (struct bounce_place){ .packets = 0 };
+            b->places[p] = (struct indirect_place){ .packets = 0 };
             continue;
         }
         memmove(b->stream + to, b->stream + at, end - at);
@@ -58,13 +58,13 @@ static enum err shorten(struct bounce *b, const struct transport *direct, const 
     return ERR_OK;
 }
 
-enum err bounce_keep(struct bounce *b, const struct transport *direct, const struct cache_share *s)
+enum err indirect_keep(struct indirect_cache *b, const struct transport *direct, const struct cache_share *s)
 {
     if (!s || s->end == 0)
         return ERR_OK;
     for (uint32_t k = 0; k < b->group_count; k++) {
-        struct bounce_group *g = &b->groups[k];
-        if (bounce_keeps(b, direct, s, g))
+        struct indirect_group *g = &b->groups[k];
+        if (indirect_keeps(b, direct, s, g))
             continue;
         for (uint32_t r = 0; r < g->rows; r++) {
             b->stats.bytes -= g->pieces[r].bytes ? (size_t)g->pieces[r].rank * 3 * g->pieces[r].basis : 0;
@@ -76,7 +76,7 @@ enum err bounce_keep(struct bounce *b, const struct transport *direct, const str
 }
 
 /* The light of two records is a unit. Packs that of process `from`, or unpacks it. */
-static void move_light(struct bounce_build *b, uint32_t from, uint8_t *bytes, bool packs)
+static void move_light(struct indirect_build *b, uint32_t from, uint8_t *bytes, bool packs)
 {
     const size_t size = 2 * SKY_CELLS * sizeof(*b->light);
 
@@ -86,7 +86,7 @@ static void move_light(struct bounce_build *b, uint32_t from, uint8_t *bytes, bo
     }
 }
 
-enum err bounce_exchange_light(struct bounce_build *b)
+enum err indirect_exchange_light(struct indirect_build *b)
 {
     const struct cache_share *s = b->desc->share;
     enum err e = ERR_OK;
@@ -109,7 +109,7 @@ enum err bounce_exchange_light(struct bounce_build *b)
     return e;
 }
 
-static enum err pack(const struct bounce_build *b, uint8_t **bytes, size_t *size)
+static enum err pack(const struct indirect_build *b, uint8_t **bytes, size_t *size)
 {
     static const struct digest none;
     const struct cache_share *s = b->desc->share;
@@ -120,13 +120,13 @@ static enum err pack(const struct bounce_build *b, uint8_t **bytes, size_t *size
     cache_writer_section(w, section, &none);
     cache_writer_put(w, &b->own_rays, sizeof(b->own_rays));
     for (uint32_t k = s->index; k < b->b->group_count; k += s->count)
-        bounce_save_group(b->b, &b->b->groups[k], w);
+        indirect_save_group(b->b, &b->b->groups[k], w);
     const enum err e = cache_writer_bytes(w, bytes, size);
     cache_writer_destroy(w);
     return e;
 }
 
-static enum err unpack(struct bounce_build *b, uint32_t from, const uint8_t *bytes, size_t size, uint64_t *held,
+static enum err unpack(struct indirect_build *b, uint32_t from, const uint8_t *bytes, size_t size, uint64_t *held,
                        struct reason *why)
 {
     static const struct digest none;
@@ -141,11 +141,11 @@ static enum err unpack(struct bounce_build *b, uint32_t from, const uint8_t *byt
         e = cache_reader_get(r, &rays, sizeof(rays), why);
     b->b->stats.rays += rays;
     for (uint32_t k = from; k < b->b->group_count && !e; k += s->count) {
-        struct bounce_group *g = &b->b->groups[k];
+        struct indirect_group *g = &b->b->groups[k];
         const uint64_t before = *held;
-        e = bounce_load_group(r, b->b, g, held, b->desc->max_bytes, why);
-        if (!cache_share_takes_all(s) && !bounce_keeps(b->b, b->desc->direct, s, g)) {
-            bounce_drop_group(b->b, g);
+        e = indirect_load_group(r, b->b, g, held, b->desc->max_bytes, why);
+        if (!cache_share_takes_all(s) && !indirect_keeps(b->b, b->desc->direct, s, g)) {
+            indirect_drop_group(b->b, g);
             *held = before;
         }
     }
@@ -155,7 +155,7 @@ static enum err unpack(struct bounce_build *b, uint32_t from, const uint8_t *byt
     return e;
 }
 
-enum err bounce_exchange(struct bounce_build *b, struct reason *why)
+enum err indirect_exchange(struct indirect_build *b, struct reason *why)
 {
     const struct cache_share *s = b->desc->share;
     uint64_t held = b->b->stats.bytes;
@@ -163,7 +163,7 @@ enum err bounce_exchange(struct bounce_build *b, struct reason *why)
 
     for (uint32_t k = s->index; k < b->b->group_count; k += s->count)
         for (uint32_t r = 0; r < b->b->groups[k].rows && s->end == 0; r++)
-            held += bounce_piece_bytes(&b->b->groups[k], b->b->blocks + b->b->groups[k].first, r);
+            held += indirect_piece_bytes(&b->b->groups[k], b->b->blocks + b->b->groups[k].first, r);
 
     for (uint32_t from = 0; from < s->count; from++) { /* to the end even after an error, as the others do */
         uint8_t *bytes = NULL;
@@ -179,7 +179,7 @@ enum err bounce_exchange(struct bounce_build *b, struct reason *why)
         e = e ? e : one;
     }
     for (uint32_t k = s->index; k < b->b->group_count && !cache_share_takes_all(s); k += s->count)
-        if (!bounce_keeps(b->b, b->desc->direct, s, &b->b->groups[k]))
-            bounce_drop_group(b->b, &b->b->groups[k]);
+        if (!indirect_keeps(b->b, b->desc->direct, s, &b->b->groups[k]))
+            indirect_drop_group(b->b, &b->b->groups[k]);
     return s->agree(s->context, e, why);
 }

@@ -1,7 +1,7 @@
 /* The sky's means over tents, each of which falls from 1 at a cell's centre to 0 at its neighbours' centres, also
  * across the edges of faces. The weights sum to 1 everywhere. Where three faces meet there is no fourth cell, and its
  * share is distributed to the three. */
-#include "light/cache_indirect/parts.h"
+#include "light/cache_indirect/internal.h"
 #include "sky/tables/pyramid.h"
 
 #include <math.h>
@@ -10,7 +10,7 @@
 #define EDGE SKY_EDGE
 #define FINE 64u    /* minimum number of texels along an edge; larger texels are divided */
 #define COARSE 128u /* maximum number, from the pyramid: eight texels per slope of a tent */
-#define PARTS BOUNCE_SKY_FACE_PARTS
+#define PARTS INDIRECT_SKY_FACE_PARTS
 
 /* Rows and columns -1 and 16 are the neighbouring face's. */
 static uint32_t neighbour(uint32_t face, int i, int j)
@@ -98,10 +98,10 @@ static uint32_t take_run(const struct grid *g, const float *texels, const float 
 }
 
 /* Sums a part of a face's rows. */
-static void take_part(const struct grid *g, uint32_t face, uint32_t part, struct bounce_tent_sums *out)
+static void take_part(const struct grid *g, uint32_t face, uint32_t part, struct indirect_tent_sums *out)
 {
     const uint32_t rows = g->n * g->fine;
-    float one[BOUNCE_WIDE][4];
+    float one[INDIRECT_WIDE][4];
 
     memset(out, 0, sizeof(*out));
     for (uint32_t y = part * rows / PARTS; y < (part + 1) * rows / PARTS; y++) {
@@ -112,7 +112,7 @@ static void take_part(const struct grid *g, uint32_t face, uint32_t part, struct
         memset(one, 0, sizeof(one));
         for (uint32_t j = 0; j < rows;)
             j = take_run(g, texels, g->level->solid_angle + row * g->n, j, one);
-        for (uint32_t j = 0; j < BOUNCE_WIDE; j++)
+        for (uint32_t j = 0; j < INDIRECT_WIDE; j++)
             for (int c = 0; c < 4; c++) {
                 out->at[i][j][c] += (1.0f - on) * one[j][c];
                 out->at[i + 1][j][c] += on * one[j][c];
@@ -121,7 +121,7 @@ static void take_part(const struct grid *g, uint32_t face, uint32_t part, struct
 }
 
 /* Adds the parts' sums at (i, j) to one cell, or to the three of a corner. */
-static void deal(const struct bounce_tent_sums parts[PARTS], uint32_t face, int i, int j, float out[3][SKY_CELLS],
+static void deal(const struct indirect_tent_sums parts[PARTS], uint32_t face, int i, int j, float out[3][SKY_CELLS],
                  float *omega)
 {
     float sum[4] = { 0.0f };
@@ -138,14 +138,14 @@ static void deal(const struct bounce_tent_sums parts[PARTS], uint32_t face, int 
     }
 }
 
-void bounce_sky_part(const struct environment *e, uint32_t part, struct bounce_tents *t)
+void indirect_sky_part(const struct environment *e, uint32_t part, struct indirect_tents *t)
 {
     const struct grid g = grid_of(e);
 
     take_part(&g, part / PARTS, part % PARTS, &t->parts[part / PARTS][part % PARTS]);
 }
 
-void bounce_sky_deal(const struct bounce_tents *t, float out[3][SKY_CELLS])
+void indirect_sky_deal(const struct indirect_tents *t, float out[3][SKY_CELLS])
 {
     float omega[SKY_CELLS] = { 0.0f };
 
@@ -159,7 +159,7 @@ void bounce_sky_deal(const struct bounce_tents *t, float out[3][SKY_CELLS])
             out[c][cell] /= omega[cell];
 }
 
-uint32_t bounce_cell(struct vec3 w, double x)
+uint32_t indirect_cell(struct vec3 w, double x)
 {
     const float direction[3] = { w.x, w.y, w.z };
     float u, v, right, down;

@@ -12,19 +12,19 @@
 #define LIKENESS 0.3f /* largest difference of points that are averaged, as the error of [Ward et al. 1988] */
 #define FLAT 1e-3     /* share of the mean squared distance: no slope is fitted along directions with less */
 
-struct bounce_smoother *bounce_smoother_create(void)
+struct indirect_smoother *indirect_smoother_create(void)
 {
-    return mem_alloc(1, sizeof(struct bounce_smoother));
+    return mem_alloc(1, sizeof(struct indirect_smoother));
 }
 
-void bounce_smoother_destroy(struct bounce_smoother *s)
+void indirect_smoother_destroy(struct indirect_smoother *s)
 {
     mem_free(s);
 }
 
 /* Weight of point q in the mean of point p: 0 if their distance, relative to the surfaces around, or their normals
  * differ too much. */
-static inline float likeness(const struct bounce_smoother *s, uint32_t p, uint32_t q)
+static inline float likeness(const struct indirect_smoother *s, uint32_t p, uint32_t q)
 {
     const float x = s->at[0][q] - s->at[0][p], y = s->at[1][q] - s->at[1][p], z = s->at[2][q] - s->at[2][p];
     const float same =
@@ -36,7 +36,7 @@ static inline float likeness(const struct bounce_smoother *s, uint32_t p, uint32
     return s->used[q] && unlike < LIKENESS ? 1.0f - unlike / LIKENESS : 0.0f;
 }
 
-static void fill_likeness(const struct bounce_smoother *s, uint32_t p, uint32_t first, uint32_t until, float *out)
+static void fill_likeness(const struct indirect_smoother *s, uint32_t p, uint32_t first, uint32_t until, float *out)
 {
     for (uint32_t q = first; q < until; q++)
         out[q] = likeness(s, p, q);
@@ -49,7 +49,7 @@ static void find_reach(uint32_t b, uint32_t blocks, uint32_t reach, uint32_t *fi
     *until = (b + reach < blocks ? b + reach + 1 : blocks) * TRANSPORT_POINTS;
 }
 
-float bounce_alike(const struct bounce_smoother *s, uint32_t blocks, uint32_t reach, uint32_t p)
+float indirect_alike(const struct indirect_smoother *s, uint32_t blocks, uint32_t reach, uint32_t p)
 {
     uint32_t first, until;
     float sum = 0.0f;
@@ -88,10 +88,10 @@ static uint32_t list_alike(const float *w, uint32_t first, uint32_t until, uint1
 
 /* Turns likeness into weights that sum to 1 and evaluate at p the plane fitted to the others' light, so that a gradient
  * causes no error if all of them are on one side, as at a group's border [Cleveland 1979]. */
-static void centre(const struct bounce_smoother *s, uint32_t p, uint32_t first, uint32_t until, float *w)
+static void centre(const struct indirect_smoother *s, uint32_t p, uint32_t first, uint32_t until, float *w)
 {
     double sum = 0.0, mean[3] = { 0.0 }, spread[3][3] = { { 0.0 } }, off[3], slope[3];
-    uint16_t list[BOUNCE_GROUP_POINTS];
+    uint16_t list[INDIRECT_GROUP_POINTS];
     const uint32_t count = list_alike(w, first, until, list);
 
     for (uint32_t k = 0; k < count; k++) {
@@ -136,7 +136,7 @@ static bool is_zero(const float *w, uint32_t stride, uint32_t first)
     return true;
 }
 
-void bounce_smooth(struct bounce_smoother *s, uint32_t blocks, uint32_t reach, uint32_t wide, const float *from,
+void indirect_smooth(struct indirect_smoother *s, uint32_t blocks, uint32_t reach, uint32_t wide, const float *from,
                    float *to)
 {
     const uint32_t side = TRANSPORT_POINTS;
@@ -152,9 +152,9 @@ void bounce_smooth(struct bounce_smoother *s, uint32_t blocks, uint32_t reach, u
             }
         memset(to + (size_t)b * side * wide, 0, (size_t)side * wide * sizeof(*to));
         for (uint32_t k = first; k < until; k += side)
-            if (!is_zero(s->weights[0], BOUNCE_GROUP * side, k))
+            if (!is_zero(s->weights[0], INDIRECT_GROUP * side, k))
                 cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)side, (int)wide, (int)side, 1.0f,
-                            s->weights[0] + k, (int)(BOUNCE_GROUP * side), from + (size_t)k * wide, (int)wide, 1.0f,
+                            s->weights[0] + k, (int)(INDIRECT_GROUP * side), from + (size_t)k * wide, (int)wide, 1.0f,
                             to + (size_t)b * side * wide, (int)wide);
     }
 }

@@ -1,30 +1,30 @@
 /* Traces paths through mirrors, glass and glossy lobes until they find light. */
 #include "base/mem.h"
-#include "light/cache_indirect/parts.h"
+#include "light/cache_indirect/internal.h"
 #include "light/estimators/paths.h"
 
 #include <math.h>
 
 struct walk {
-    const struct bounce_world *world;
+    const struct indirect_world *world;
     struct vec3 origin, dir;
     double weight[3];
     bool met_rough, specular;
     struct rng *rng;
-    struct bounce_ends *ends;
+    struct indirect_ends *ends;
 };
 
 static void end_in(struct walk *w, uint32_t source, const double weight[3])
 {
-    struct bounce_ends *e = w->ends;
+    struct indirect_ends *e = w->ends;
 
     if (mem_reserve(&e->at, e->count, &e->capacity, sizeof(*e->at)))
-        e->at[e->count++] = (struct bounce_end){ source, { (float)weight[0], (float)weight[1], (float)weight[2] } };
+        e->at[e->count++] = (struct indirect_end){ source, { (float)weight[0], (float)weight[1], (float)weight[2] } };
     else
         e->failed = true;
 }
 
-static void write_down(struct bounce_spots *s, const struct bounce_spot *spot)
+static void write_down(struct indirect_spots *s, const struct indirect_spot *spot)
 {
     if (mem_reserve(&s->at, s->count, &s->capacity, sizeof(*s->at)))
         s->at[s->count++] = *spot;
@@ -32,7 +32,7 @@ static void write_down(struct bounce_spots *s, const struct bounce_spot *spot)
         s->failed = true;
 }
 
-bool bounce_leave(const struct bounce_spot *s, const double x[2], struct vec3 *dir, float *weight)
+bool indirect_leave(const struct indirect_spot *s, const double x[2], struct vec3 *dir, float *weight)
 {
     const double z = sqrt(1.0 - x[0]), r = sqrt(x[0]), phi = 2.0 * PI * x[1];
 
@@ -55,7 +55,7 @@ static void matte_albedo(const struct scatter *at, struct vec3 wo, double out[3]
 
 /* Ends the path in the record of a matte surface, or notes the surface. If there is no record, the path may continue by
  * the matte part: returns its share of the throughput then, else 0. */
-static double meet_matte(struct walk *w, const struct bounce_spot *spot, const double albedo[3])
+static double meet_matte(struct walk *w, const struct indirect_spot *spot, const double albedo[3])
 {
     const double most = fmax(albedo[0], fmax(albedo[1], albedo[2]));
 
@@ -66,8 +66,8 @@ static double meet_matte(struct walk *w, const struct bounce_spot *spot, const d
         return 0.0;
     }
     const double x[2] = { rng_next(w->rng), rng_next(w->rng) };
-    const uint32_t record = bounce_find(w->world->records, spot, x);
-    if (record == BOUNCE_NO_RECORD)
+    const uint32_t record = indirect_find(w->world->records, spot, x);
+    if (record == INDIRECT_NO_RECORD)
         return most;
     double weight[3];
     for (int c = 0; c < 3; c++)
@@ -94,13 +94,13 @@ static bool follow_lobe(struct walk *w, const struct lobe *shine, struct vec3 wo
     return true;
 }
 
-static bool follow_matte(struct walk *w, const struct bounce_spot *spot, const double albedo[3], double keep)
+static bool follow_matte(struct walk *w, const struct indirect_spot *spot, const double albedo[3], double keep)
 {
     const double x[2] = { rng_next(w->rng), rng_next(w->rng) };
     float weight;
 
     w->origin = spot->at;
-    if (!bounce_leave(spot, x, &w->dir, &weight))
+    if (!indirect_leave(spot, x, &w->dir, &weight))
         return false;
     for (int c = 0; c < 3; c++)
         w->weight[c] *= albedo[c] * (double)weight / keep;
@@ -142,7 +142,7 @@ static bool meet(struct walk *w, const struct hit *h)
         w->weight[c] *= (double)at.weight;
     const uint32_t count = scatter_eye(&at, w->dir, rays);
     const struct vec3 wo = scatter_side(&at, vec3_scale(w->dir, -1.0f));
-    const struct bounce_spot spot = { .at = surface_start(&at.surface, 1.0f),
+    const struct indirect_spot spot = { .at = surface_start(&at.surface, 1.0f),
                                       .geometric = at.surface.geometric,
                                       .shading = at.surface.shading,
                                       .length = h->t,
@@ -171,8 +171,8 @@ static bool meet(struct walk *w, const struct hit *h)
     return false;
 }
 
-float bounce_walk(const struct bounce_world *world, struct vec3 origin, struct vec3 dir, struct rng *rng,
-                  struct bounce_ends *ends)
+float indirect_walk(const struct indirect_world *world, struct vec3 origin, struct vec3 dir, struct rng *rng,
+                  struct indirect_ends *ends)
 {
     struct walk w = {
         .world = world, .origin = origin, .dir = dir, .weight = { 1.0, 1.0, 1.0 }, .rng = rng, .ends = ends
@@ -184,7 +184,7 @@ float bounce_walk(const struct bounce_world *world, struct vec3 origin, struct v
         ends->rays++;
         if (!rays_intersect(world->rays, w.origin, w.dir, 0.0f, &h)) {
             if (w.met_rough && !w.specular && !world->found)
-                end_in(&w, world->records->count + bounce_cell(w.dir, rng_next(rng)), w.weight);
+                end_in(&w, world->records->count + indirect_cell(w.dir, rng_next(rng)), w.weight);
             break;
         }
         if (events == 0)

@@ -1,5 +1,5 @@
 /* Filters the light at shade points, which it holds as two independent halves (light/denoise/filter.h). A relighter's
- * pictures are then P(F) plus background and particles: F is the filtered light, P maps points to pixels. Light that
+ * images are then P(F) plus background and particles: F is the filtered light, P maps points to pixels. Light that
  * the light tracer adds to pixels is not filtered. Thread: one at a time. */
 #pragma once
 

@@ -168,9 +168,9 @@ static void take_rest(const struct filter *f, float *to)
     }
 }
 
-static struct filter_picture picture_of(const struct filter *f, const struct layer *l)
+static struct filter_image image_of(const struct filter *f, const struct layer *l)
 {
-    struct filter_picture p = { .width = f->g->width, .height = f->g->height, .pitch = f->pitch };
+    struct filter_image p = { .width = f->g->width, .height = f->g->height, .pitch = f->pitch };
 
     for (size_t k = 0; k < SURFACE_PLANES; k++)
         p.surface[k] = l->points.surface + k * l->points.count;
@@ -200,7 +200,7 @@ static bool is_empty(const uint32_t *point, uint32_t count)
     return true;
 }
 
-static void run_row(const struct filter *f, const struct layer *l, const struct filter_picture *p, uint32_t y,
+static void run_row(const struct filter *f, const struct layer *l, const struct filter_image *p, uint32_t y,
                     uint32_t step)
 {
     for (uint32_t x = 0; x < p->width; x += FILTER_COUNT_MAX) {
@@ -218,7 +218,7 @@ static void run_row(const struct filter *f, const struct layer *l, const struct 
 /* One level over a layer; step 0: the mean of the variances. */
 static void run_layer(const struct filter *f, const struct layer *l, uint32_t step)
 {
-    const struct filter_picture p = picture_of(f, l);
+    const struct filter_image p = image_of(f, l);
 
 #pragma omp parallel
     {
@@ -233,7 +233,7 @@ static void run_layer(const struct filter *f, const struct layer *l, uint32_t st
 /* Points in no layer take filtered light from the pixels around them, whose noise was that of `first`. */
 static void run_rest(struct filter *f)
 {
-    struct filter_picture p = picture_of(f, &f->layers[0]);
+    struct filter_image p = image_of(f, &f->layers[0]);
 
     p.light[LIGHT_VARIANCE] = f->layers[0].first;
 #pragma omp parallel

@@ -1,7 +1,7 @@
 /* Removes noise from the light at shade points, guided by the G-buffer: an edge-avoiding a-trous wavelet filter
  * [Dammertz et al. 2010], steered by variance as in SVGF [Schied et al. 2017].
  *
- * The light comes as two independent halves a and b of one picture, each divided by the surface's reflectance. Every
+ * The light comes as two independent halves a and b of one image, each divided by the surface's reflectance. Every
  * level k replaces a point's light by the weighted mean over 5 x 5 pixels that are 2^k apart, with the weights
  *
  *     w = h(dx) h(dy) * max(0, n.n')^64 * (1 - (d / s)^2)+ * (1 - |y - y'|^2 / (9 (v + v')))+^2

@@ -25,7 +25,7 @@ struct places {
 /* What the inner loops read and write, copied together: planes at constant distances leave registers for the sums. */
 struct tile {
     _Alignas(ALIGN) float own[PLANES][FILTER_COUNT_MAX]; /* the points; for their width, 1 / s */
-    _Alignas(ALIGN) float near[PLANES][ROW_MOST];        /* a row of the picture around them */
+    _Alignas(ALIGN) float near[PLANES][ROW_MOST];        /* a row of the image around them */
     _Alignas(ALIGN) float sum[SUMS][FILTER_COUNT_MAX];
     uint32_t count; /* of the points, rounded up to LANES */
 };
@@ -50,9 +50,9 @@ static void put_own(struct tile *t, const struct filter_points *at, int planes, 
         t->own[SURFACE_WIDTH][i] = 1.0f / (reach * t->own[SURFACE_WIDTH][i]);
 }
 
-/* Row y from column x - beside on, until `beside` columns after the last point. Columns outside the picture have the
+/* Row y from column x - beside on, until `beside` columns after the last point. Columns outside the image have the
  * kind of none. false: the whole row is outside. */
-static bool put_near(struct tile *t, const struct filter_picture *p, const struct filter_points *at, int planes, int dy,
+static bool put_near(struct tile *t, const struct filter_image *p, const struct filter_points *at, int planes, int dy,
                      uint32_t beside)
 {
     const int64_t y = (int64_t)at->y + dy, x = (int64_t)at->x - beside;
@@ -75,7 +75,7 @@ static bool put_near(struct tile *t, const struct filter_picture *p, const struc
 }
 
 /* The neighbours at a distance of dx, dy from each point's pixel. */
-static void put_near_each(struct tile *t, const struct filter_picture *p, const struct places *at, int dx, int dy)
+static void put_near_each(struct tile *t, const struct filter_image *p, const struct places *at, int dx, int dy)
 {
     uint32_t from[FILTER_COUNT_MAX];
 
@@ -165,7 +165,7 @@ static void put_out(const struct filter_points *at, int plane, const float *sum,
         out[i] = weight[i] > least ? sum[i] / weight[i] : had[i];
 }
 
-static void level(const struct filter_picture *p, const struct filter_points *at, uint32_t step)
+static void level(const struct filter_image *p, const struct filter_points *at, uint32_t step)
 {
     static const float spline[2 * FILTER_RADIUS + 1] = { 1.0f / 16, 4.0f / 16, 6.0f / 16, 4.0f / 16, 1.0f / 16 };
     struct tile t;
@@ -204,7 +204,7 @@ static void spread_tap(struct tile *t, size_t from)
     }
 }
 
-static void spread(const struct filter_picture *p, const struct filter_points *at)
+static void spread(const struct filter_image *p, const struct filter_points *at)
 {
     struct tile t;
 

@@ -28,8 +28,8 @@ enum {
 #define FILTER_RADIUS 2 /* of a level, in steps */
 #define SPREAD_RADIUS 3 /* of the mean over initial variances, in pixels */
 
-/* The picture that supplies the neighbours. */
-struct filter_picture {
+/* The image that supplies the neighbours. */
+struct filter_image {
     const float *surface[SURFACE_PLANES]; /* [height][pitch] */
     const float *light[LIGHT_PLANES];     /* likewise */
     uint32_t width, height;
@@ -50,9 +50,9 @@ struct filter_points {
 struct filter_kernel {
     enum cpu_level cpu;
     /* The mean over 5 x 5 neighbours, `step` pixels apart. */
-    void (*level)(const struct filter_picture *p, const struct filter_points *at, uint32_t step);
+    void (*level)(const struct filter_image *p, const struct filter_points *at, uint32_t step);
     /* The mean of variances over 7 x 7 neighbours: writes out[LIGHT_VARIANCE] only. */
-    void (*spread)(const struct filter_picture *p, const struct filter_points *at);
+    void (*spread)(const struct filter_image *p, const struct filter_points *at);
 };
 
 /* The kernel of a CPU level by name (base/cpu.h); the best supported one if level is NULL or not supported. */

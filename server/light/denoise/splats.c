@@ -8,7 +8,7 @@
 #define REACH 2
 #define LONE 4.0f /* times the brightest neighbour */
 
-struct window { /* of pixels around one, within the picture */
+struct window { /* of pixels around one, within the image */
     uint32_t x0, x1, y0, y1;
 };
 

@@ -1,6 +1,6 @@
-/* Lone bright splats of the light tracer in denoised pictures (denoise.h), whose filter works on shade points. The
+/* Lone bright splats of the light tracer in denoised images (denoise.h), whose filter works on shade points. The
  * excess of a pixel over four times the brightest of the 24 around it, in the sum of its channels, is spread evenly
- * over the 5 x 5 pixels: the picture keeps its light, which moves by two pixels at most. Lines and spots of caustics
+ * over the 5 x 5 pixels: the image keeps its light, which moves by two pixels at most. Lines and spots of caustics
  * have bright neighbours and stay. */
 #pragma once
 

@@ -267,7 +267,7 @@ static void add_part(const struct part *p, uint32_t tile, const float (*sky)[4],
     }
 }
 
-/* The parts that light a picture: every `step`-th from `first` on. */
+/* The parts that light an image: every `step`-th from `first` on. */
 struct chosen {
     uint32_t first, step;
     float share; /* 1 / their paths */

@@ -60,7 +60,7 @@ static void record_end(const struct walk *w)
 }
 
 /* The ray left the scene. */
-static void escape(struct walk *w)
+static void miss(struct walk *w)
 {
     const uint32_t class = w->met_rough      ? (w->ray.specular ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT_LIT)
                            : w->ray.specular ? PATH_CAUSTICS
@@ -125,7 +125,7 @@ static void walk_on(struct walk *w)
         struct hit h;
         w->rays++;
         if (!rays_intersect(w->frame->rays, w->ray.origin, w->ray.dir, 0.0f, &h)) {
-            escape(w);
+            miss(w);
             return;
         }
         if (++w->events >= PATH_EVENTS_MAX || !meet(w, &h))

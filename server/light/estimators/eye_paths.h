@@ -1,10 +1,10 @@
-/* Indirect light at the shading points of a G-buffer by path tracing: caustics and interreflection (paths.h), at points
+/* Indirect light at the shading points of a G-buffer by path tracing: caustics and indirect light (paths.h), at points
  * seen directly and at points seen in mirrors and through glass, which light paths cannot reach. At each point,
  *     Lo = integral of f(wo, w) max(0, n.w) L(w) dw,
  * where w is sampled from the rough lobe and L(w) is the light that a path along w finds:
  *  - the sky, directly: direct light, which is direct.h's and counts 0 here;
  *  - the sky after delta events alone: caustics;
- *  - a rough surface y, possibly after delta events: interreflection. At y, and at every further rough surface, the sky
+ *  - a rough surface y, possibly after delta events: indirect light. At y, and at every further rough surface, the sky
  *    is sampled as one table (environment_sample) and by the continuing BRDF ray, with the balance heuristic
  *    [Veach 1997, Eq. 9.8]. Light samples cannot pass delta events between a BRDF ray and the sky: there the BRDF ray
  *    counts with weight 1.

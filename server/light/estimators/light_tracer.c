@@ -57,13 +57,13 @@ enum err light_tracer_run(struct light_tracer *t, const struct environment *e, c
     *stats = (struct light_tracer_stats){ 0 };
     if (desc->particles == 0 || (aimed && t->particles.caster_count == 0))
         return ERR_OK;
-    if (desc->bright ? desc->bright->bright_count == 0 : !(e->total_energy > 0.0))
+    if (desc->sun ? desc->sun->sun_count == 0 : !(e->total_energy > 0.0))
         return ERR_OK;
-    if (!desc->bright)
+    if (!desc->sun)
         environment_complete(e);
     struct particle_run run = {
         .environment = e,
-        .bright = desc->bright,
+        .sun = desc->sun,
         .start = desc->start,
         .classes = desc->classes,
         .progress = desc->progress,

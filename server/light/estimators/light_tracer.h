@@ -1,8 +1,8 @@
 /* The light tracer: traces paths from the sky into the scene and connects them to the camera at every rough surface
- * [DH09]: it finds caustics, which eye paths miss under a sun, and interreflection (paths.h).
+ * [DH09]: it finds caustics, which eye paths miss under a sun, and indirect light (paths.h).
  *
  * A particle starts with flux L / (p_w p_y) / N: its direction is sampled from the whole sky (environment_sample), its
- * line from boxes (start.h): those of the specular casters if only caustics and their interreflection are requested,
+ * line from boxes (start.h): those of the specular casters if only caustics and their indirect light are requested,
  * else the scene's. At a hit, let wi point back to where the particle came from, w to where it continues, and n_s, n_g
  * be the shading and geometric normals:
  *  - at a rough lobe f, the camera receives flux f(wo, wi) |wi.n_s| / |wi.n_g| |wo.n_g| times its response (view.h), if
@@ -46,7 +46,7 @@ struct light_tracer_desc {
     enum start_kind start;
     float *ground; /* float[height][width][3]: receives light on the ground (scene/geometry/ground.h); NULL: rgb
                       receives it */
-    const struct sky_split *bright; /* of this frame: only its bright part emits light; NULL: the whole sky */
+    const struct sky_split *sun; /* of this frame: only its sun emits light; NULL: the whole sky */
     struct progress_part *progress; /* stepped by one for each PARTICLES_A_STEP; may be NULL */
     const atomic_bool *cancel;      /* once true, the run ends and adds nothing; may be NULL */
 };

@@ -286,9 +286,9 @@ static void line_numbers(uint64_t seed, uint64_t line, double x[2])
 /* Samples a direction w from x in [0, 1)^2, with its radiance and density. False: the sky is black. */
 static bool draw_direction(const struct particle_run *run, const double x[2], float w[3], float rgb[3], float *pdf)
 {
-    if (run->bright) {
+    if (run->sun) {
         *pdf = 1.0f; /* rgb already includes the division */
-        sky_split_sample(run->bright, run->environment, x, w, rgb);
+        sky_split_sample(run->sun, run->environment, x, w, rgb);
         return true;
     }
     if (run->environment)

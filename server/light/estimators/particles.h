@@ -36,10 +36,10 @@ struct particles {
 
 struct particle_run { /* common to all particles of a run */
     const struct particles *world;
-    /* Directions are sampled from the whole sky, or from its bright part with that part's radiance; both NULL: uniform
+    /* Directions are sampled from the whole sky, or from its sun with that part's radiance; both NULL: uniform
      * over the sphere, with radiance 1. */
     const struct environment *environment;
-    const struct sky_split *bright;
+    const struct sky_split *sun;
     const struct box *boxes;
     uint32_t box_count;
     enum start_kind start;

@@ -3,10 +3,10 @@
  *   background       E S* L             looked up in the G-buffer's escape directions
  *   direct           E S* D L           direct.h, at the shading points
  *   caustics         E D S+ L           light_tracer.h or eye_paths.h
- *   interreflection  E D (S* D)+ S* L   eye_paths.h or light_tracer.h; two parts, by the last rough surface:
+ *   indirect light  E D (S* D)+ S* L   eye_paths.h or light_tracer.h; two parts, by the last rough surface:
  *     lit directly     E D (S* D)+ L      eye paths find the sun by next event estimation
  *     by a caustic     E D (S* D)+ S+ L   only light paths find it, best those aimed at the casters
- *   behind specular  E S+ D S+ L        caustics and interreflection at points seen in a mirror or through glass
+ *   behind specular  E S+ D S+ L        caustics and indirect light at points seen in a mirror or through glass
  *                    E S+ D (S* D)+ S* L  (shade_packet.behind), which light paths cannot reach:
  *                                       eye_paths.h */
 #pragma once

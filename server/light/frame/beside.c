@@ -17,9 +17,9 @@
 #define MOST_PATHS 2 /* of a point, where eye paths find caustics */
 
 struct beside {
-    const struct set *set;
+    const struct prepared_scene *set;
     struct denoiser *denoiser;
-    struct history *history;
+    struct accumulation *accumulation;
     size_t points, values; /* floats of all shade points, of an image */
     size_t images;         /* 1; with a ground 2: the second is for splats on it */
     float *weight;         /* [packet_count][16]: sum of a point's weights, if it is seen directly; else 0 */
@@ -31,7 +31,7 @@ struct beside {
     const struct relight_desc *grows; /* the image's, if stored paths are to grow; else NULL */
 };
 
-struct beside *beside_create(const struct set *set, struct denoiser *denoiser)
+struct beside *beside_create(const struct prepared_scene *set, struct denoiser *denoiser)
 {
     struct beside *b = mem_alloc(1, sizeof(*b));
     const struct gbuffer *g = set->gbuffer;
@@ -43,14 +43,14 @@ struct beside *beside_create(const struct set *set, struct denoiser *denoiser)
     b->points = (size_t)g->packet_count * 3 * PACKET;
     b->values = (size_t)g->width * g->height * 3;
     b->images = set->scene->ground.radius > 0.0f ? 2 : 1;
-    b->history = history_create(g, denoiser);
+    b->accumulation = accumulation_create(g, denoiser);
     b->weight = mem_alloc((size_t)g->packet_count * PACKET, sizeof(float));
     for (int k = 0; k < 2; k++)
         b->stored[k] = mem_alloc(b->points, sizeof(float));
     b->shown = mem_alloc(b->points, sizeof(float));
     b->image = mem_alloc(b->images * b->values, sizeof(float));
     b->rest = mem_alloc(b->images * b->values, sizeof(float));
-    if (!b->history || !b->weight || !b->stored[0] || !b->stored[1] || !b->shown || !b->image || !b->rest) {
+    if (!b->accumulation || !b->weight || !b->stored[0] || !b->stored[1] || !b->shown || !b->image || !b->rest) {
         beside_destroy(b);
         return NULL;
     }
@@ -66,7 +66,7 @@ void beside_destroy(struct beside *b)
 {
     if (!b)
         return;
-    history_destroy(b->history);
+    accumulation_destroy(b->accumulation);
     mem_free(b->weight);
     mem_free(b->stored[0]);
     mem_free(b->stored[1]);
@@ -76,7 +76,7 @@ void beside_destroy(struct beside *b)
     mem_free(b);
 }
 
-bool beside_wanted(const struct set *set, const struct relight_desc *desc)
+bool beside_wanted(const struct prepared_scene *set, const struct relight_desc *desc)
 {
     return desc->remember && set->facts.casters > 0 && desc->classes & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
 }
@@ -84,8 +84,8 @@ bool beside_wanted(const struct set *set, const struct relight_desc *desc)
 static void begin(struct beside *b, uint64_t key, bool still, bool glides)
 {
     still = still && b->pictures > 0;
-    history_begin(b->history, key, still && glides);
-    history_hold(b->history, still);
+    accumulation_begin(b->accumulation, key, still && glides);
+    accumulation_hold(b->accumulation, still);
     if (key != b->key || !still) {
         memset(b->rest, 0, b->images * b->values * sizeof(float));
         b->pictures = 0;
@@ -95,7 +95,7 @@ static void begin(struct beside *b, uint64_t key, bool still, bool glides)
 }
 
 void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
-                     const struct plan *plan, bool still, struct picture_passes *passes)
+                     const struct plan *plan, bool still, struct image_passes *passes)
 {
     struct eye_paths_desc *eye = &passes->eye[0], *own = &passes->eye_beside;
 
@@ -156,9 +156,9 @@ static void move_splats(struct beside *b, float *lo)
 
 /* Both halves of the stored light. Until there is other light to show, the store grows only enough for this image. */
 static enum err run_stored(struct beside *b, struct relight_caustics *c, const struct environment *e,
-                           const struct picture_passes *p, struct relight_stats *stats)
+                           const struct image_passes *p, struct relight_stats *stats)
 {
-    const uint64_t turn = history_turn(b->history);
+    const uint64_t turn = accumulation_turn(b->accumulation);
     enum err result = ERR_OK;
 
     for (int k = 0; k < 2; k++)
@@ -183,7 +183,7 @@ static enum err run_particles(struct beside *b, struct passes *s, const struct e
     own.ground = b->images > 1 ? b->image + b->values : NULL;
     own.particles = (desc->particles + 1) / 2;
     own.pass = 0;
-    own.seed = rng_mix(desc->seed, 2 * history_turn(b->history) + k);
+    own.seed = rng_mix(desc->seed, 2 * accumulation_turn(b->accumulation) + k);
     const enum err result = light_tracer_run(s->light, e, &own, b->image, &one);
     stats->light.particles += one.particles;
     stats->light.starts_hit += one.starts_hit;
@@ -194,17 +194,17 @@ static enum err run_particles(struct beside *b, struct passes *s, const struct e
 
 /* New samples, to half k. */
 static enum err run_half(struct beside *b, struct passes *s, const struct relight_caustics *c,
-                         const struct environment *e, const struct picture_passes *p, int k,
+                         const struct environment *e, const struct image_passes *p, int k,
                          struct relight_stats *stats)
 {
-    struct picture_passes few = { .eye = { p->eye_beside } }, half;
+    struct image_passes few = { .eye = { p->eye_beside } }, half;
     float *lo = denoiser_half(b->denoiser, k);
     struct eye_paths_stats eye = { 0 };
-    struct light_tracer_desc bright = { .particles = 0 };
+    struct light_tracer_desc sun = { .particles = 0 };
     enum err result = ERR_OK;
 
     few.eye[0].paths = (few.eye[0].paths + 1) / 2;
-    few.eye[0].pass = history_turn(b->history);
+    few.eye[0].pass = accumulation_turn(b->accumulation);
     passes_half(&few, k, &half);
     memset(lo, 0, b->points * sizeof(float));
     if (half.eye[0].paths > 0)
@@ -212,9 +212,9 @@ static enum err run_half(struct beside *b, struct passes *s, const struct religh
     stats->eye.paths += eye.paths;
     stats->eye.rays += eye.rays;
     if (p->stored)
-        bright = relight_caustics_bright(c, e, p->stored, stats->plan.particles);
+        sun = relight_caustics_sun(c, e, p->stored, stats->plan.particles);
     for (int i = 0; i < 3 && !result; i++)
-        result = run_particles(b, s, e, i < 2 ? &p->light[i] : &bright, (uint64_t)k, stats);
+        result = run_particles(b, s, e, i < 2 ? &p->light[i] : &sun, (uint64_t)k, stats);
     move_splats(b, lo);
     return result;
 }
@@ -227,14 +227,14 @@ static void add_shown(const struct beside *b, float *lo)
 }
 
 enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics, const struct environment *e,
-                    const struct picture_passes *passes, struct relight_stats *stats)
+                    const struct image_passes *passes, struct relight_stats *stats)
 {
     const atomic_bool *cancel = passes->eye_beside.cancel;
 
     if (!stats->bias && passes->eye_beside.paths > 0)
         stats->bias = "caustics behind mirrors and glass: no path brings more than a limit";
     if (passes->glides) {
-        history_glide(b->history, b->shown);
+        accumulation_glide(b->accumulation, b->shown);
         add_shown(b, s->lo);
         return ERR_OK;
     }
@@ -243,12 +243,12 @@ enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics 
     for (int k = 0; k < 2 && !result; k++)
         result = run_half(b, s, caustics, e, passes, k, stats);
     if (result || is_cancelled(cancel)) {
-        b->pictures = 0; /* rest has a part of this picture: it begins anew */
+        b->pictures = 0; /* rest has a part of this image: it begins anew */
         return result;
     }
     const float *const stored[2] = { b->stored[0], b->stored[1] };
-    history_add(b->history, s->lo);
-    history_show(b->history, stored, b->shown);
+    accumulation_add(b->accumulation, s->lo);
+    accumulation_show(b->accumulation, stored, b->shown);
     add_shown(b, s->lo);
     return ERR_OK;
 }

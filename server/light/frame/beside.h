@@ -14,7 +14,7 @@
 #pragma once
 
 #include "light/denoise/denoise.h"
-#include "light/denoise/history.h"
+#include "light/denoise/accumulation.h"
 #include "light/frame/relight_caustics.h"
 #include "light/frame/relight_passes.h"
 
@@ -22,22 +22,22 @@ struct beside;
 
 /* Needs 90 bytes per shade point and 36 per pixel, with a ground 60. set and denoiser, whose halves take the samples,
  * must outlive it. NULL: no memory. */
-struct beside *beside_create(const struct set *set, struct denoiser *denoiser);
+struct beside *beside_create(const struct prepared_scene *set, struct denoiser *denoiser);
 void beside_destroy(struct beside *b); /* NULL is allowed */
 
 /* Whether images of desc need a struct beside: live, of a scene with mirrors or glass. */
-bool beside_wanted(const struct set *set, const struct relight_desc *desc);
+bool beside_wanted(const struct prepared_scene *set, const struct relight_desc *desc);
 
 /* Begins an image under e; still: it is the last image's sky. Moves caustics by eye paths, and everything but
- * interreflection behind mirrors and glass, from its passes to eye_beside, with a limit for the contribution of a path.
+ * indirect light behind mirrors and glass, from its passes to eye_beside, with a limit for the contribution of a path.
  */
 void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
-                     const struct plan *plan, bool still, struct picture_passes *passes);
+                     const struct plan *plan, bool still, struct image_passes *passes);
 
 /* Adds the image's light to s->lo: stored paths, whose number grows by it, the particles of passes, and eye_beside.
  * Adds to *stats. ERR_NOMEM. */
 MUST_CHECK enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics,
-                               const struct environment *e, const struct picture_passes *passes,
+                               const struct environment *e, const struct image_passes *passes,
                                struct relight_stats *stats);
 
 /* Adds to rgb, float[height][width][3], the splats on pixels without a directly visible shade point. ground: the

@@ -32,7 +32,7 @@ static uint8_t work_of(const uint8_t *work, uint32_t packet)
     if (!work)
         return CHANGE_SKY;
     return (uint8_t)((work[packet] & TRANSPORT_WORK_CELLS ? CHANGE_SKY : 0) |
-                     (work[packet] & TRANSPORT_WORK_BRIGHT ? CHANGE_BRIGHT : 0));
+                     (work[packet] & TRANSPORT_WORK_SUN ? CHANGE_SUN : 0));
 }
 
 static uint8_t pixel_of(const struct changes *c, const struct gbuffer *g, const uint8_t *work, const float *rgb,
@@ -57,12 +57,12 @@ static void widen(uint32_t box[4], uint32_t x, uint32_t y)
 
 static void count(struct changes *c, uint32_t width)
 {
-    c->changed = c->sky = c->bright = 0;
+    c->changed = c->sky = c->sun = 0;
     memset(c->box, 0, sizeof(c->box));
     for (uint32_t at = 0; at < c->pixels; at++) {
         c->changed += c->map[at] & CHANGE_RADIANCE;
         c->sky += c->map[at] >> 1 & 1;
-        c->bright += c->map[at] >> 2 & 1;
+        c->sun += c->map[at] >> 2 & 1;
         if (c->map[at] & CHANGE_RADIANCE)
             widen(c->box, at % width, at / width);
     }

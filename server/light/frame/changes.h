@@ -6,14 +6,14 @@
 enum change {
     CHANGE_RADIANCE = 1, /* the pixel's radiance has other bits than in the last image */
     CHANGE_SKY = 2,      /* light of one of its points was computed: from cells and gazes of a cache, or by sampling */
-    CHANGE_BRIGHT = 4,   /* and rays towards the sky's bright part, of --method cached */
+    CHANGE_SUN = 4,   /* and rays towards the sky's sun, of --method cached */
 };
 
 struct changes {                           /* zero it first */
     float *before;                         /* [height][width][3]: the last image */
     uint8_t *map;                          /* [height][width]: bits of enum change */
     bool begun;                            /* there is a last image */
-    uint32_t pixels, changed, sky, bright; /* of the map: all, and those with each bit */
+    uint32_t pixels, changed, sky, sun; /* of the map: all, and those with each bit */
     uint32_t box[4];                       /* columns and rows, first and end, of what changed; 0: nothing did */
 };
 

@@ -5,13 +5,13 @@
 #include <math.h>
 
 #define SMOOTH 0.2
-#define FIRST_SAMPLES 8     /* of a denoised picture, */
+#define FIRST_SAMPLES 8     /* of a denoised image, */
 #define FIRST_OF_ALL 4      /* of the very first one, which no audit delays, */
 #define FIRST_PATHS 2       /* and its eye paths */
-#define BUILDING_SHARE 0.35 /* of the time, for pictures while the cache is being computed, */
+#define BUILDING_SHARE 0.35 /* of the time, for images while the cache is being computed, */
 #define BUILDING_S 1.0      /* with at most this time from one to the next, */
-#define AT_ONCE 2           /* after so many pictures */
-#define PICTURE_SHARE 0.9   /* of the time between two pictures that a measured picture may use, */
+#define AT_ONCE 2           /* after so many images */
+#define IMAGE_SHARE 0.9   /* of the time between two images that a measured image may use, */
 #define CACHE_SHARE 0.5     /* while a cache is computed beside: it costs quality, not rate */
 #define SAMPLES 64          /* N_s of the cache's frames, for what is traced of the sun */
 
@@ -45,16 +45,16 @@ static bool is_measured(const struct frame_request *request)
     return request->target.seconds > 0.0 || request->target.error > 0.0;
 }
 
-static struct buy_facts facts_of(const struct relighter *r, const struct relight_desc *light)
+static struct cost_facts facts_of(const struct relighter *r, const struct relight_desc *light)
 {
-    return (struct buy_facts){
+    return (struct cost_facts){
         .indirect = light->classes & PATH_INDIRECT_LIT && light->indirect == PLAN_AUTO,
         .samples = light->direct.samples,
         .points = relighter_set(r)->gbuffer->point_count,
     };
 }
 
-/* Until the cache exists coarsely, if indirect light is requested: a filtered picture with few samples is closer to the
+/* Until the cache exists coarsely, if indirect light is requested: a filtered image with few samples is closer to the
  * truth than one with many samples but no indirect light. */
 static bool is_first(const struct decider *d, const struct frame_request *request)
 {
@@ -67,9 +67,9 @@ static struct relight_desc denoised(const struct decider *d, const struct religh
     struct relight_desc out = *light;
 
     out.denoise = out.remember = out.glide = true;
-    out.direct.samples = d->cache.pictures == 0 ? FIRST_OF_ALL : FIRST_SAMPLES;
+    out.direct.samples = d->cache.images == 0 ? FIRST_OF_ALL : FIRST_SAMPLES;
     out.eye_paths = light->eye_paths ? light->eye_paths : FIRST_PATHS;
-    out.audit = d->cache.pictures == 0 ? 0.0 : light->audit;
+    out.audit = d->cache.images == 0 ? 0.0 : light->audit;
     return out;
 }
 
@@ -121,14 +121,14 @@ enum err decider_run(struct decider *d, struct relighter *r, const struct enviro
 enum err decider_prepare(struct decider *d, struct relighter *r, double allow_bias, bool progress,
                          struct relight_desc *light, double *ms)
 {
-    struct buy_facts f = facts_of(r, light);
+    struct cost_facts f = facts_of(r, light);
     struct relight_desc cached = by_cache(light);
-    struct buy *answer = &d->cache.last;
+    struct cost_verdict *answer = &d->cache.last;
     struct reason why = { "" };
 
     f.allowed = allow_bias;
     if (cache_may_serve(light))
-        buy_by_counts(&f, answer);
+        cost_by_counts(&f, answer);
     if (!answer->yes)
         return relighter_prepare(r, light, progress, ms);
     log_info("auto: frames use the cache of light transport, which pays off after %.0f", ceil(answer->break_even));
@@ -154,24 +154,24 @@ bool decider_is_computing(const struct decider *d, struct relighter *r)
 
 double decider_interval_s(const struct decider *d)
 {
-    const bool denoised = d->cache.hurried && d->cache.pictures >= AT_ONCE && d->cache.glide == 0;
+    const bool denoised = d->cache.hurried && d->cache.images >= AT_ONCE && d->cache.glide == 0;
 
     if (!d->cache.begun || d->cache.share >= 1.0 || !(d->cache.ready || denoised))
         return 0.0;
-    return fmin(d->cache.picture_s / BUILDING_SHARE, d->cache.picture_s + BUILDING_S);
+    return fmin(d->cache.image_s / BUILDING_SHARE, d->cache.image_s + BUILDING_S);
 }
 
 double decider_target_s(const struct decider *d, struct relighter *r, double interval_s)
 {
-    return (decider_is_computing(d, r) ? CACHE_SHARE : PICTURE_SHARE) * interval_s;
+    return (decider_is_computing(d, r) ? CACHE_SHARE : IMAGE_SHARE) * interval_s;
 }
 
-/* Of a picture by the cache, or a denoised one with samples. */
-static void note_picture(struct decider *d, const struct relight_stats *stats)
+/* Of an image by the cache, or a denoised one with samples. */
+static void note_image(struct decider *d, const struct relight_stats *stats)
 {
     const double s = 1e-3 * (stats->shade_ms + stats->eye_ms + stats->light_ms + stats->filter_ms + stats->resolve_ms);
 
-    d->cache.picture_s += (d->cache.picture_s > 0.0 ? SMOOTH : 1.0) * (s - d->cache.picture_s);
+    d->cache.image_s += (d->cache.image_s > 0.0 ? SMOOTH : 1.0) * (s - d->cache.image_s);
 }
 
 /* Black skies and cancelled frames trace nothing, so they are not measured. */
@@ -213,7 +213,7 @@ static void follow_cache(struct decider *d, struct relighter *r, const struct fr
     const struct relight_desc *light = request->light;
     const atomic_bool *cancel = light->direct.cancel;
     const bool indirect = facts_of(r, light).indirect;
-    const bool coarsely = request->background && (indirect || d->cache.error > BUY_BIAS_COARSE);
+    const bool coarsely = request->background && (indirect || d->cache.error > COST_BIAS_COARSE);
     const double enough = !coarsely ? 1.0 : indirect ? RELIGHT_DIRECT : RELIGHT_COARSE;
 
     d->cache.share = relighter_follow(r);
@@ -221,13 +221,13 @@ static void follow_cache(struct decider *d, struct relighter *r, const struct fr
     if (!d->cache.ready)
         return;
     log_info("auto: the cache of light transport is used from here on");
-    d->cache.picture_s = 0.0; /* its pictures cost less */
+    d->cache.image_s = 0.0; /* its images cost less */
 }
 
 /* By the clock: loads or computes the cache if that pays off. */
 static void ask_for_cache(struct decider *d, struct relighter *r, const struct frame_request *request)
 {
-    struct buy_facts f = facts_of(r, request->light);
+    struct cost_facts f = facts_of(r, request->light);
 
     f.frames = request->frames_left;
     f.allowed = request->allow_bias;
@@ -236,8 +236,8 @@ static void ask_for_cache(struct decider *d, struct relighter *r, const struct f
     f.frame_s = d->cache.frame_s;
     f.spent_s = d->cache.spent_s;
     f.made = d->cache.measured_frames;
-    buy_by_clock(&f, &d->cache.last);
-    if (f.made > 0 && buy_suits(&f) && !d->cache.looked_for) {
+    cost_by_clock(&f, &d->cache.last);
+    if (f.made > 0 && cost_suits_cache(&f) && !d->cache.looked_for) {
         d->cache.looked_for = true;
         get_cache(d, r, request, true);
         if (d->cache.begun) {
@@ -254,26 +254,26 @@ static void ask_for_cache(struct decider *d, struct relighter *r, const struct f
 
 void decider_begin(struct decider *d, struct relighter *r, const struct frame_request *request)
 {
-    struct buy_facts f = facts_of(r, request->light);
+    struct cost_facts f = facts_of(r, request->light);
 
     f.allowed = request->allow_bias;
     f.error = request->target.error > 0.0 ? request->target.error : INFINITY;
     if (d->cache.begun || d->cache.hurried || d->cache.refused || !request->background ||
         request->light->direct.method != METHOD_AUTO || !is_measured(request) || !cache_may_serve(request->light) ||
-        !buy_suits(&f))
+        !cost_suits_cache(&f))
         return;
     d->cache.looked_for = true;
     d->cache.hurried = f.indirect;
-    d->cache.last = (struct buy){ .yes = true, .why = "--allow-bias permits its bias" };
-    get_cache(d, r, request, f.indirect); /* to compute it can wait for the first picture */
+    d->cache.last = (struct cost_verdict){ .yes = true, .why = "--allow-bias permits its bias" };
+    get_cache(d, r, request, f.indirect); /* to compute it can wait for the first image */
 }
 
 static void note_denoised(struct decider *d, const struct relight_stats *stats)
 {
     if (d->cache.glide == 0)
-        note_picture(d, stats);
+        note_image(d, stats);
     d->cache.glide = stats->glides;
-    d->cache.pictures++;
+    d->cache.images++;
 }
 
 void decider_learn(struct decider *d, struct relighter *r, const struct frame_request *request,
@@ -284,7 +284,7 @@ void decider_learn(struct decider *d, struct relighter *r, const struct frame_re
         d->cache.ready = d->cache.begun = false;
         d->cache.refused = true;
     } else if (decision->by == DECIDED_BY_CACHE) {
-        note_picture(d, stats);
+        note_image(d, stats);
         d->cache.share = stats->cache_share;
     }
     if (decision->by == DECIDED_BY_RULE && is_first(d, request)) {

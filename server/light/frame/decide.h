@@ -3,13 +3,13 @@
  * An explicit method is used unchanged. METHOD_AUTO with sample counts follows rules (light/estimators/method.h for
  * direct light, light/plan/plan.h for the rest), so the same input gives the same bits. METHOD_AUTO with a time budget
  * or a target error measures (pilot.h). METHOD_AUTO uses the light transport cache if its bias is allowed and
- * light/plan/buy.h finds that it pays off. With counts that is decided before the first frame; with a time or an error
- * after measured frames, or at once if the cache is computed in the background. Thread: the relighter's. */
+ * light/plan/cost_model.h finds that it pays off. With counts that is decided before the first frame; with a time or an
+ * error after measured frames, or at once if the cache is computed in the background. Thread: the relighter's. */
 #pragma once
 
 #include "light/frame/pilot.h"
 #include "light/frame/relight.h"
-#include "light/plan/buy.h"
+#include "light/plan/cost_model.h"
 
 enum decided_by {
     DECIDED_BY_REQUEST,  /* the request named the method */
@@ -33,23 +33,23 @@ struct decision {
     struct relight_desc light; /* of the request, or of the cache */
 };
 
-struct decider {           /* zero it first; decider_finish frees it */
-    struct pilot *pilot;   /* NULL until a frame is decided by measurement */
-    struct {               /* auto's cache, which belongs to the relighter */
-        bool looked_for;   /* a file was searched for */
-        bool begun;        /* its computation has started */
-        bool hurried;      /* wanted in the background, including indirect light, which pictures lack without it */
-        bool ready;        /* frames use it */
-        bool refused;      /* it needs too much memory */
-        uint64_t pictures; /* made before it could be used, if hurried */
+struct decider {         /* zero it first; decider_finish frees it */
+    struct pilot *pilot; /* NULL until a frame is decided by measurement */
+    struct {             /* auto's cache, which belongs to the relighter */
+        bool looked_for; /* a file was searched for */
+        bool begun;      /* its computation has started */
+        bool hurried;    /* wanted in the background, including indirect light, which images lack without it */
+        bool ready;      /* frames use it */
+        bool refused;    /* it needs too much memory */
+        uint64_t images; /* made before it could be used, if hurried */
         uint64_t measured_frames;
         double sample_s, frame_s; /* seconds per light sample of a point, and per measured frame; smoothed */
         double spent_s;           /* on measured frames */
-        double picture_s;         /* seconds per picture beside its computation that takes samples; smoothed */
+        double image_s;           /* seconds per image beside its computation that takes samples; smoothed */
         double error;             /* requested relMSE, else that of the last measured frame */
         double share;             /* computed share, as of the last query */
-        unsigned glide;           /* relight_stats.glides of the last denoised picture */
-        struct buy last;          /* the last decision; why NULL: none yet */
+        unsigned glide;           /* relight_stats.glides of the last denoised image */
+        struct cost_verdict last; /* the last decision; why NULL: none yet */
     } cache;
 };
 
@@ -86,9 +86,9 @@ MUST_CHECK enum err decider_prepare(struct decider *d, struct relighter *r, doub
 /* True while the cache is computed in the background. */
 bool decider_is_computing(const struct decider *d, struct relighter *r);
 
-/* Seconds that a measured picture may take, out of interval_s, the interval between pictures without a cache. */
+/* Seconds that a measured image may take, out of interval_s, the interval between images without a cache. */
 double decider_target_s(const struct decider *d, struct relighter *r, double interval_s);
 
-/* Minimum seconds between pictures while a cache is computed in the background: fewer pictures leave more time for the
+/* Minimum seconds between images while a cache is computed in the background: fewer images leave more time for the
  * cache. 0: no limit. */
 double decider_interval_s(const struct decider *d);

@@ -15,12 +15,12 @@
 
 static const uint32_t classes_of[LAYER_BACKGROUND] = { PATH_DIRECT, PATH_INDIRECT, PATH_CAUSTICS };
 
-static size_t pixels_of(const struct set *set)
+static size_t pixels_of(const struct prepared_scene *set)
 {
     return (size_t)set->gbuffer->width * set->gbuffer->height;
 }
 
-bool layers_init(struct layers *l, const struct set *set)
+bool layers_init(struct layers *l, const struct prepared_scene *set)
 {
     bool all = true;
 
@@ -45,7 +45,7 @@ void layers_finish(struct layers *l)
 }
 
 /* to += scale * from */
-static void add(const struct set *set, float *to, float scale, const float *from)
+static void add(const struct prepared_scene *set, float *to, float scale, const float *from)
 {
     const size_t values = 3 * pixels_of(set);
 
@@ -55,7 +55,7 @@ static void add(const struct set *set, float *to, float scale, const float *from
 }
 
 /* relighter_run_passes, whose times are added up. */
-static enum err run(struct relighter *r, const struct environment *e, const struct picture_passes *p, float *rgb,
+static enum err run(struct relighter *r, const struct environment *e, const struct image_passes *p, float *rgb,
                     struct relight_stats *stats)
 {
     const double before[] = { stats->shade_ms, stats->eye_ms, stats->light_ms, stats->filter_ms, stats->resolve_ms };
@@ -71,7 +71,7 @@ static enum err run(struct relighter *r, const struct environment *e, const stru
 }
 
 /* Leaves these classes alone in the passes. */
-static void keep_classes(struct picture_passes *p, uint32_t classes)
+static void keep_classes(struct image_passes *p, uint32_t classes)
 {
     if (!(classes & PATH_DIRECT)) {
         p->cached = NULL;
@@ -94,17 +94,17 @@ static void keep_classes(struct picture_passes *p, uint32_t classes)
     p->denoiser = NULL;
 }
 
-static void drop_particles(struct picture_passes *p)
+static void drop_particles(struct image_passes *p)
 {
     p->light[0].particles = p->light[1].particles = 0;
     p->stored = NULL;
 }
 
 /* The passes' light before the denoiser: the mean of its two input halves, plus particles. */
-static enum err run_unfiltered(struct relighter *r, const struct environment *e, const struct picture_passes *p,
+static enum err run_unfiltered(struct relighter *r, const struct environment *e, const struct image_passes *p,
                                bool halves, float *scratch, float *rgb, struct relight_stats *stats)
 {
-    struct picture_passes half = *p, rest = *p;
+    struct image_passes half = *p, rest = *p;
     enum err result;
 
     if (!halves)
@@ -123,14 +123,14 @@ static enum err run_unfiltered(struct relighter *r, const struct environment *e,
     return result;
 }
 
-/* The layer of one class. Interreflection by the cache comes together with direct light, so its layer is the
+/* The layer of one class. Indirect light by the cache comes together with direct light, so its layer is the
  * difference. */
-static enum err run_class(struct relighter *r, const struct environment *e, const struct picture_passes *all,
+static enum err run_class(struct relighter *r, const struct environment *e, const struct image_passes *all,
                           enum light_layer layer, struct layers *l, struct relight_stats *stats)
 {
     const enum plan_estimator indirect = stats->plan.indirect;
     const bool cache = all->cached && indirect == PLAN_CACHE;
-    struct picture_passes p = *all;
+    struct image_passes p = *all;
 
     keep_classes(&p, layer == LAYER_BACKGROUND ? PATH_BACKGROUND : classes_of[layer]);
     if (layer == LAYER_INDIRECT && cache)
@@ -170,13 +170,13 @@ static bool find_sun(struct layers *l, const struct environment *e, enum err *re
 
 /* Direct light by the same samples, of which only those that hit the sun count. Techniques with tables of their own,
  * the cache and lat-long texels, sample the sun anew. */
-static enum err run_sun(struct relighter *r, struct environment *e, const struct picture_passes *all, struct layers *l,
+static enum err run_sun(struct relighter *r, struct environment *e, const struct image_passes *all, struct layers *l,
                         struct relight_stats *stats)
 {
     const enum strata_kind strata = all->cached ? STRATA_LATLONG : method_recipe(all->direct.method)->strata;
     const bool fresh = strata == STRATA_LATLONG || strata == STRATA_ROWS;
     struct texel *texels = e->texels;
-    struct picture_passes p = *all;
+    struct image_passes p = *all;
     struct relight_stats own = { .plan = { .indirect = PLAN_NONE } };
 
     keep_classes(&p, PATH_DIRECT);
@@ -198,10 +198,10 @@ static enum err run_sun(struct relighter *r, struct environment *e, const struct
     return result;
 }
 
-static enum err split_direct(struct relighter *r, struct environment *e, const struct picture_passes *all,
+static enum err split_direct(struct relighter *r, struct environment *e, const struct image_passes *all,
                              struct layers *l, struct relight_stats *stats)
 {
-    const struct set *set = relighter_set(r);
+    const struct prepared_scene *set = relighter_set(r);
     enum err result = ERR_OK;
 
     memset(l->light[LAYER_SUN], 0, 3 * pixels_of(set) * sizeof(float));
@@ -232,13 +232,13 @@ float layers_error(const float *whole, const float *half, uint32_t width, uint32
 }
 
 /* By a second image of half as many samples and other random numbers. */
-static enum err estimate_error(struct relighter *r, const struct environment *e, const struct picture_passes *all,
+static enum err estimate_error(struct relighter *r, const struct environment *e, const struct image_passes *all,
                                struct layers *l, struct relight_stats *stats)
 {
     const struct gbuffer *g = relighter_set(r)->gbuffer;
     const uint32_t by = all->denoiser ? 1 : 2; /* with the denoiser, counts are those of a half already */
     struct relight_stats own = { .plan = stats->plan };
-    struct picture_passes p = *all;
+    struct image_passes p = *all;
     struct relight_desc cached;
 
     p.denoiser = NULL;
@@ -275,7 +275,7 @@ enum err relighter_run_layers(struct relighter *r, struct environment *e, const 
                               struct layers *l, float *rgb, struct relight_stats *stats)
 {
     const size_t bytes = 3 * pixels_of(relighter_set(r)) * sizeof(float);
-    struct picture_passes all;
+    struct image_passes all;
     enum err result = relighter_describe(r, e, desc, &all, stats);
 
     /* The sun directly after direct light, whose tables it shares. */

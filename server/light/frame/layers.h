@@ -8,8 +8,8 @@
 
 enum light_layer {
     LAYER_DIRECT,     /* E S* D L */
-    LAYER_INDIRECT,   /* interreflection, and the light that the cache cannot separate from it */
-    LAYER_CAUSTICS,   /* with stored paths, also interreflection that begins with a caustic */
+    LAYER_INDIRECT,   /* indirect light, and the light that the cache cannot separate from it */
+    LAYER_CAUSTICS,   /* with stored paths, also indirect light that begins with a caustic */
     LAYER_BACKGROUND, /* the sky, also in mirrors and through glass */
     LAYER_SUN,        /* direct light from the sun's texels, if the sky has a sun (sky/tables/sky_table.h) */
     LAYER_SKY,        /* the rest of direct light */
@@ -28,7 +28,7 @@ struct layers {
 };
 
 /* False when out of memory; call layers_finish even then. */
-bool layers_init(struct layers *l, const struct set *set);
+bool layers_init(struct layers *l, const struct prepared_scene *set);
 void layers_finish(struct layers *l); /* zeroed memory is allowed */
 
 /* The standard error at a pixel: from the mean of the squared differences of luminance over 5 x 5 pixels around. An

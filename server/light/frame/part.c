@@ -48,25 +48,25 @@ void relighter_round(struct relighter *r, bool half)
 }
 
 /* A cache under construction changes from image to image, and only in this process. */
-struct transport *relighter_transport(const struct relighter *r, const struct picture_passes *passes)
+struct transport *relighter_transport(const struct relighter *r, const struct image_passes *passes)
 {
     return passes->cached && !r->cache.refused && relight_cache_is_settled(&r->cache) ? r->cache.transport : NULL;
 }
 
-const struct transport_indirect *relighter_indirect(const struct relighter *r, const struct picture_passes *passes,
+const struct transport_indirect *relighter_indirect(const struct relighter *r, const struct image_passes *passes,
                                                     const struct plan *plan)
 {
-    return passes->cached && plan->indirect == PLAN_CACHE && r->cache.bounce.bounce
-               ? bounce_indirect(r->cache.bounce.bounce)
+    return passes->cached && plan->indirect == PLAN_CACHE && r->cache.indirect.indirect
+               ? indirect_of_frame(r->cache.indirect.indirect)
                : NULL;
 }
 
 const struct packet_list *relighter_left(const struct relighter *r)
 {
-    return r->cache.bounce.bounce ? bounce_left(r->cache.bounce.bounce) : NULL;
+    return r->cache.indirect.indirect ? indirect_left(r->cache.indirect.indirect) : NULL;
 }
 
-const struct set *relighter_set(const struct relighter *r)
+const struct prepared_scene *relighter_set(const struct relighter *r)
 {
     return r->set;
 }
@@ -83,7 +83,7 @@ const struct transport *relighter_cache(const struct relighter *r)
 
 bool relighter_is_complete(const struct relighter *r)
 {
-    return r->cache.transport && r->cache.bounce.bounce && !r->cache.building;
+    return r->cache.transport && r->cache.indirect.indirect && !r->cache.building;
 }
 
 uint64_t relighter_memory(const struct relighter *r)
@@ -91,13 +91,13 @@ uint64_t relighter_memory(const struct relighter *r)
     const struct relight_cache *c = &r->cache;
 
     return r->set->gbuffer->bytes + (c->transport ? transport_stats(c->transport)->bytes : 0) +
-           (c->bounce.bounce ? bounce_stats(c->bounce.bounce)->bytes : 0);
+           (c->indirect.indirect ? indirect_stats(c->indirect.indirect)->bytes : 0);
 }
 
-bool relighter_can_deal(const struct relighter *r, const struct picture_passes *p)
+bool relighter_can_deal(const struct relighter *r, const struct image_passes *p)
 {
     const struct direct_desc *d = &p->direct;
-    bool own = !p->denoiser && !p->history && !r->passes.backplate && !p->eye[0].only && !p->eye[0].counts;
+    bool own = !p->denoiser && !p->accumulation && !r->passes.backplate && !p->eye[0].only && !p->eye[0].counts;
 
     own = own && (!p->eye[1].only || p->eye[1].only == relighter_left(r)) && !p->eye[1].counts;
     return own &&

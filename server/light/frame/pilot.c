@@ -1,4 +1,4 @@
-#include "light/frame/pilot_parts.h"
+#include "light/frame/pilot_internal.h"
 
 #include "base/cancel.h"
 #include "base/mem.h"
@@ -11,10 +11,10 @@
 #define LIGHT_SOON 4                 /* readings of particles; after that */
 #define LIGHT_EVERY 4                /* frames */
 #define NOISY 0.05                   /* relMSE above which single pixels are no yardstick */
-#define HASTE 0.3                    /* of the time, for the quick picture: if it takes more, it is the frame */
-#define FIRST_SHARE 0.1              /* of the samples or paths to come, in either picture that measures them, */
+#define HASTE 0.3                    /* of the time, for the quick image: if it takes more, it is the frame */
+#define FIRST_SHARE 0.1              /* of the samples or paths to come, in either image that measures them, */
 #define FIRST_MORE 1.5               /* if that is so many times as many as have been measured */
-#define PASS_OWN (UINT64_C(1) << 40) /* no picture has so high a pass */
+#define PASS_OWN (UINT64_C(1) << 40) /* no image has so high a pass */
 
 double pilot_seconds(const struct pilot *p, const struct pilot_work *work, double by_clock)
 {
@@ -117,11 +117,11 @@ struct eye_paths_desc pilot_eye(struct pilot *p, double n, uint64_t pass, const 
     return desc;
 }
 
-struct picture_passes pilot_passes(struct pilot *p, uint64_t pass)
+struct image_passes pilot_passes(struct pilot *p, uint64_t pass)
 {
     const struct packet_list *all = &p->groups.all.list;
     const double of = p->denoised ? 0.5 : 1.0; /* in either half */
-    struct picture_passes out = { .halves = true, .background = p->rule.background };
+    struct image_passes out = { .halves = true, .background = p->rule.background };
 
     if (p->offered[PILOT_DIRECT])
         out.direct = pilot_direct(p, of * p->n[PILOT_DIRECT], pass, all);
@@ -137,7 +137,7 @@ struct picture_passes pilot_passes(struct pilot *p, uint64_t pass)
     return out;
 }
 
-/* Learns the times of a whole picture's parts. A black sky takes no time and is not measured. */
+/* Learns the times of a whole image's parts. A black sky takes no time and is not measured. */
 static void learn_times(struct pilot *p, const struct relight_stats *stats, const struct pass_costs *costs)
 {
     const uint64_t points = p->set->gbuffer->point_count;
@@ -146,24 +146,24 @@ static void learn_times(struct pilot *p, const struct relight_stats *stats, cons
     const double by_clock[PILOT_PARTS] = { costs->direct_s, costs->eye_s, costs->light_s[0], costs->light_s[1] };
     const struct pilot_work pixels = { PILOT_PARTS, points, 0, 0.0 };
 
-    p->picture_s = pilot_seconds(p, &pixels, costs->pixels_s + costs->filter_s);
-    p->other_s += (p->other_s > 0.0 ? SMOOTH : 1.0) * (p->picture_s - p->other_s);
+    p->image_s = pilot_seconds(p, &pixels, costs->pixels_s + costs->filter_s);
+    p->other_s += (p->other_s > 0.0 ? SMOOTH : 1.0) * (p->image_s - p->other_s);
     for (int part = 0; part < PILOT_PARTS; part++) {
         const struct pilot_work work = { (enum pilot_part)part, part < PILOT_AIMED ? points : 0, rays[part],
                                          p->n[part] };
         p->ran_s[part] = p->offered[part] ? pilot_seconds(p, &work, by_clock[part]) : 0.0;
-        p->picture_s += p->ran_s[part];
+        p->image_s += p->ran_s[part];
         if (p->ran_s[part] > 0.0 && p->environment->total_energy > 0.0)
             model_ran(&p->model[part], p->n[part], p->ran_s[part]);
     }
 }
 
-/* Renders the picture of the choice and learns from it, unless it was cancelled. */
-static enum err make_picture(struct pilot *p, uint64_t pass, float *rgb, struct relight_stats *stats)
+/* Renders the image of the choice and learns from it, unless it was cancelled. */
+static enum err make_image(struct pilot *p, uint64_t pass, float *rgb, struct relight_stats *stats)
 {
     const struct relight_desc filtered = { .denoise = p->denoised };
     const struct gbuffer *g = p->set->gbuffer;
-    struct picture_passes passes = pilot_passes(p, pass);
+    struct image_passes passes = pilot_passes(p, pass);
     struct pass_costs costs;
 
     *stats = (struct relight_stats){ 0 };
@@ -182,7 +182,7 @@ static enum err make_picture(struct pilot *p, uint64_t pass, float *rgb, struct 
     return ERR_OK;
 }
 
-/* Measures direct light and eye paths on the whole picture: with few, and with more if many will be taken. */
+/* Measures direct light and eye paths on the whole image: with few, and with more if many will be taken. */
 static enum err measure_first(struct pilot *p, const struct pilot_target *target)
 {
     enum err e = ERR_OK;
@@ -203,22 +203,22 @@ static enum err measure_first(struct pilot *p, const struct pilot_target *target
     return e;
 }
 
-/* Before the first picture: a quick one as a yardstick, and whole measurements. done: there is time for the quick one
+/* Before the first image: a quick one as a yardstick, and whole measurements. done: there is time for the quick one
  * only. */
 static enum err begin(struct pilot *p, const struct pilot_target *target, float *rgb, struct relight_stats *stats,
                       bool *done)
 {
     pilot_choose_first(p, target->seconds > 0.0);
-    enum err e = make_picture(p, pilot_pass(p), rgb, stats);
+    enum err e = make_image(p, pilot_pass(p), rgb, stats);
     if (e || is_cancelled(p->light->direct.cancel))
         return e;
-    *done = target->seconds > 0.0 && p->picture_s > HASTE * target->seconds;
+    *done = target->seconds > 0.0 && p->image_s > HASTE * target->seconds;
     p->begun = *done;
     if (*done) {
-        p->budget.met = p->picture_s <= target->seconds;
+        p->budget.met = p->image_s <= target->seconds;
         return ERR_OK;
     }
-    p->pilot_s = p->picture_s;
+    p->pilot_s = p->image_s;
     e = measure_first(p, target);
     p->begun = !e && !is_cancelled(p->light->direct.cancel);
     p->bank_s = 0.0;
@@ -246,14 +246,14 @@ enum err pilot_run(struct pilot *p, const struct environment *e, const struct re
     for (int part = 0; part < PILOT_PARTS; part++)
         measured->part[part].expected_seconds = model_seconds(&p->model[part], p->n[part]);
     if (!done)
-        result = make_picture(p, light->direct.pass, rgb, stats);
+        result = make_image(p, light->direct.pass, rgb, stats);
     if (result || is_cancelled(p->light->direct.cancel))
         return result;
     if (p->runs > 0 && e->total_energy > 0.0)
         result = pilot_probe(p, target);
     p->frames++;
     p->runs++;
-    p->frame_s += (p->frame_s > 0.0 ? SMOOTH : 1.0) * (p->picture_s - p->frame_s);
+    p->frame_s += (p->frame_s > 0.0 ? SMOOTH : 1.0) * (p->image_s - p->frame_s);
     pilot_report(p, target, rgb, stats, measured);
     return result;
 }

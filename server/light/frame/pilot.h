@@ -1,13 +1,13 @@
 /* METHOD_AUTO with a time or an error: the estimators of the rules (light/plan/plan.h), with counts by measurement. The
  * frame's time is divided so that the error is least (light/plan/budget.h). No part is ever left out.
  *
- * Measurements. The pilot shades a group of pixels, spread over the picture, twice with its own random numbers. Half of
+ * Measurements. The pilot shades a group of pixels, spread over the image, twice with its own random numbers. Half of
  * the squared difference is the variance of each, relative as relMSE is. Groups take turns. The differences within a
  * group show which pixels are difficult: they get more samples and eye paths (light/plan/pilot_allot.h). Particles run
- * in two halves, whose mean is the picture and whose difference gives the error. The clock times whole pictures.
+ * in two halves, whose mean is the image and whose difference gives the error. The clock times whole images.
  *
- * The first frame begins with a quick picture and measures the whole of it; both count as its time. If the time pays
- * for no more, the quick picture is the frame. Later frames spend three tenths of their time on measurements until each
+ * The first frame begins with a quick image and measures the whole of it; both count as its time. If the time pays
+ * for no more, the quick image is the frame. Later frames spend three tenths of their time on measurements until each
  * part has a few, then a twentieth, and a fiftieth once there are many.
  *
  * With a time, light besides direct light is denoised where so few samples would have more error than the filter
@@ -18,7 +18,7 @@
 
 #include "light/frame/relight.h"
 
-/* relMSE of the court's denoised pictures with few samples, in all light: a lower one is expected of the samples alone,
+/* relMSE of the court's denoised images with few samples, in all light: a lower one is expected of the samples alone,
  * or they are filtered (docs/noise.md). */
 #define PILOT_FILTER_ABOVE 0.02
 
@@ -43,7 +43,7 @@ struct pilot_desc {
 };
 
 struct pilot_target { /* at least one is above 0; with both, the error is lowered within the time only */
-    double seconds;   /* for a picture, including the pilot's work; 0: no limit */
+    double seconds;   /* for an image, including the pilot's work; 0: no limit */
     double error;     /* relMSE; 0: none */
 };
 
@@ -58,7 +58,7 @@ struct pilot_part_stats {
 struct pilot_stats {
     struct pilot_part_stats part[PILOT_PARTS];
     uint32_t samples;     /* N_s of direct light, averaged over the shade points */
-    double seconds;       /* of the picture and the pilot */
+    double seconds;       /* of the image and the pilot */
     double pilot_seconds; /* of these, the pilot's */
     double error;         /* relMSE, estimated: sum over the parts, before a filter; 0: not measured yet */
     bool denoised;        /* the time pays for too few samples without a filter */

@@ -1,4 +1,4 @@
-#include "light/frame/pilot_parts.h"
+#include "light/frame/pilot_internal.h"
 
 #include "light/frame/relight_plan.h"
 
@@ -8,13 +8,13 @@
 #define SAMPLES_MOST 4096.0
 #define PATHS_MOST 1024.0
 #define UNITS_MOST 1e6    /* 2 * 10^9 particles */
-#define QUICK_SAMPLES 4.0 /* of the quick picture, and no fewer for a filter, */
+#define QUICK_SAMPLES 4.0 /* of the quick image, and no fewer for a filter, */
 #define QUICK_PATHS 2.0   /* which compares two halves */
 #define QUICK_UNITS 4.0
 #define KEPT 1.05      /* counts are kept unless others gain more than this, or they exceed the target by it */
 #define AIM 0.9        /* of the target error, since estimates of it scatter */
-#define TIME_LEAST 0.2 /* of the target always goes to the picture */
-#define FILTERED 0.7   /* of PILOT_FILTER_ABOVE, below which a filtered picture is no longer filtered */
+#define TIME_LEAST 0.2 /* of the target always goes to the image */
+#define FILTERED 0.7   /* of PILOT_FILTER_ABOVE, below which a filtered image is no longer filtered */
 
 /* What of the request the plan depends on. */
 static struct relight_desc wish_of(const struct relight_desc *light)
@@ -42,8 +42,8 @@ static bool same_wish(const struct relight_desc *a, const struct relight_desc *b
 /* Plans anew; nothing is known of a part whose classes have changed. */
 static void plan(struct pilot *p)
 {
-    const struct picture_passes before = p->rule;
-    struct picture_passes *rule = &p->rule;
+    const struct image_passes before = p->rule;
+    struct image_passes *rule = &p->rule;
 
     relight_plan(p->set, NULL, p->environment, &p->wanted, false, &p->plan);
     relight_plan_passes(p->set, NULL, p->passes->scratch, &p->wanted, &p->plan, rule);
@@ -139,7 +139,7 @@ static void spend(const struct pilot *p, const struct budget_target *target, str
     budget_spend(parts, PILOT_PARTS, target, out);
 }
 
-/* Keeps the counts if others would gain little, so that noise is static in a still picture: near the optimum the error
+/* Keeps the counts if others would gain little, so that noise is static in a still image: near the optimum the error
  * hardly depends on the division of time. */
 static void hold_counts(const struct pilot *p, const struct budget_target *target, struct budget *b)
 {

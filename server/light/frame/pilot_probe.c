@@ -1,4 +1,4 @@
-#include "light/frame/pilot_parts.h"
+#include "light/frame/pilot_internal.h"
 
 #include <math.h>
 
@@ -86,7 +86,7 @@ static enum err probe_points(struct pilot *p, enum pilot_part part, double n, co
     }
     const double error =
         pair_of_points(&p->groups, g, p->pair[0], p->pair[1], &p->yardstick, by_point ? p->point_error : NULL);
-    if (whole) /* at a count nearer to that of the picture than the readings before */
+    if (whole) /* at a count nearer to that of the image than the readings before */
         model_age(&p->model[part]);
     model_read(&p->model[part], count.n, error);
     if (by_point)
@@ -107,7 +107,7 @@ void pilot_read_light(struct pilot *p, enum pilot_part part, double n, float *co
     yardstick_spread(half[0], half[1], g->width, g->height, p->spread[0], p->spread[1]);
     y.more = p->spread[1];
     /* the mean of the halves has half of either's variance */
-    model_read(&p->model[part], n, 0.5 * pair_of_pictures(&p->groups.all, half[0], half[1], &y));
+    model_read(&p->model[part], n, 0.5 * pair_of_images(&p->groups.all, half[0], half[1], &y));
 }
 
 /* Direct light and eye paths take turns on a group, then on the next. */

@@ -1,4 +1,4 @@
-#include "light/frame/pilot_parts.h"
+#include "light/frame/pilot_internal.h"
 
 #include <math.h>
 
@@ -35,13 +35,13 @@ void pilot_report(struct pilot *p, const struct pilot_target *target, const floa
         stats->bias = "light averaged over neighbouring points: the time pays for few samples";
     out->samples = (uint32_t)lround(out->part[PILOT_DIRECT].n);
     out->pilot_seconds = p->pilot_s;
-    out->seconds = p->picture_s + p->pilot_s;
+    out->seconds = p->image_s + p->pilot_s;
     out->error = pilot_error(p);
     out->denoised = p->denoised;
     out->more = p->more;
     out->frames = p->frames;
     relighter_state_error(p->relighter, p->environment, p->light, true, rgb, stats);
-    /* The choice promised the error before the picture was measured and audited. */
+    /* The choice promised the error before the image was measured and audited. */
     out->in_time = p->budget.met || !(target->seconds > 0.0);
     out->met = out->in_time;
     if (target->error > 0.0)

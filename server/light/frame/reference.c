@@ -18,8 +18,8 @@ static enum err render(enum method m, const struct path_world *world, const stru
     }
 }
 
-static enum err add_up(const struct set *set, const struct environment *e, const struct relight_desc *desc, float *rgb,
-                       struct relight_stats *stats)
+static enum err add_up(const struct prepared_scene *set, const struct environment *e, const struct relight_desc *desc,
+                       float *rgb, struct relight_stats *stats)
 {
     const struct relight_whole *whole = desc->whole;
 
@@ -29,8 +29,8 @@ static enum err add_up(const struct set *set, const struct environment *e, const
     return whole->run(whole->self, set, e, rgb, desc->direct.why);
 }
 
-enum err reference_run(const struct set *set, const struct environment *e, const struct relight_desc *desc, float *rgb,
-                       struct relight_stats *stats)
+enum err reference_run(const struct prepared_scene *set, const struct environment *e, const struct relight_desc *desc,
+                       float *rgb, struct relight_stats *stats)
 {
     double bare[3];
     const bool ground = set->scene->ground.radius > 0.0f;

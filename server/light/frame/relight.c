@@ -6,7 +6,7 @@
 #include "base/progress.h"
 #include "base/rng.h"
 #include "light/denoise/denoise.h"
-#include "light/denoise/history.h"
+#include "light/denoise/accumulation.h"
 #include "light/denoise/splats.h"
 #include "light/frame/beside.h"
 #include "light/frame/part.h"
@@ -22,7 +22,7 @@
 #define BESIDE_SAMPLES 4 /* of direct light in either half, beside a cache that is being computed */
 #define HALF_LEAST 8     /* of direct light alone without a history: with fewer, the filter loses at equal time */
 
-struct relighter *relighter_create(const struct set *set, const struct kernels *kernels)
+struct relighter *relighter_create(const struct prepared_scene *set, const struct kernels *kernels)
 {
     struct relighter *r = mem_alloc(1, sizeof(*r));
     if (!r)
@@ -44,7 +44,7 @@ void relighter_destroy(struct relighter *r)
         return;
     stated_destroy(r->stated);
     beside_destroy(r->beside);
-    history_destroy(r->history);
+    accumulation_destroy(r->accumulation);
     denoiser_destroy(r->denoiser);
     relight_cache_finish(&r->cache);
     relight_caustics_finish(&r->caustics);
@@ -58,17 +58,17 @@ static size_t points_bytes(const struct relighter *r)
     return (size_t)r->set->gbuffer->packet_count * 3 * PACKET * sizeof(float);
 }
 
-/* Writes direct light, or zeros if it is not requested; with interreflection if the cache includes it. */
-static enum err run_direct(struct relighter *r, const struct environment *e, const struct picture_passes *p, float *lo,
+/* Writes direct light, or zeros if it is not requested; with indirect light if the cache includes it. */
+static enum err run_direct(struct relighter *r, const struct environment *e, const struct image_passes *p, float *lo,
                            struct relight_stats *stats)
 {
     struct passes *s = &r->passes;
     double seconds;
 
     if (p->cached)
-        return relight_cache_shade(&r->cache, s->direct[PASS_PICTURE], r->set, e, p->cached, NULL, lo, stats);
+        return relight_cache_shade(&r->cache, s->direct[PASS_IMAGE], r->set, e, p->cached, NULL, lo, stats);
     if (p->direct.samples > 0)
-        return passes_direct(s, PASS_PICTURE, e, &p->direct, lo, &stats->direct, &seconds);
+        return passes_direct(s, PASS_IMAGE, e, &p->direct, lo, &stats->direct, &seconds);
     memset(lo, 0, points_bytes(r));
     return ERR_OK;
 }
@@ -78,14 +78,14 @@ enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc,
     struct plan plan;
 
     *ms = 0.0;
-    relight_plan(r->set, r->cache.bounce.bounce, NULL, desc, false, &plan);
+    relight_plan(r->set, r->cache.indirect.indirect, NULL, desc, false, &plan);
     const uint32_t stored = beside_wanted(r->set, desc) ? 0 : relight_plan_classes(&plan, PLAN_STORED);
     enum err e = relight_is_cached(desc) ? relight_cache_begin(&r->cache, r->set, desc) : ERR_OK;
     if (!e && relight_is_cached(desc))
         e = relight_cache_make(&r->cache, r->set, r->kernels, desc, progress, ms);
     if (!e && relight_is_cached(desc) && !r->cache.building)
-        e = relight_bounce_make(&r->cache.bounce, r->cache.transport, r->set, r->kernels, desc, &r->cache.keep,
-                                progress, ms);
+        e = relight_indirect_make(&r->cache.indirect, r->cache.transport, r->set, r->kernels, desc, &r->cache.keep,
+                                  progress, ms);
     if (!e && relight_is_cached(desc))
         e = relight_cache_keep(&r->cache);
     if (!e && stored)
@@ -102,8 +102,8 @@ double relighter_follow(struct relighter *r)
 }
 
 /* Adds to lo. */
-static enum err run_eye_paths(struct relighter *r, const struct environment *e, const struct picture_passes *p,
-                              float *lo, struct relight_stats *stats)
+static enum err run_eye_paths(struct relighter *r, const struct environment *e, const struct image_passes *p, float *lo,
+                              struct relight_stats *stats)
 {
     enum err result = ERR_OK;
 
@@ -117,8 +117,8 @@ static enum err run_eye_paths(struct relighter *r, const struct environment *e, 
     return result;
 }
 
-/* Runs once, or in two halves whose mean is added to the picture; with a ground, to that of backplate_splats. */
-static enum err run_particles(struct relighter *r, const struct environment *e, const struct picture_passes *p, int k,
+/* Runs once, or in two halves whose mean is added to the image; with a ground, to that of backplate_splats. */
+static enum err run_particles(struct relighter *r, const struct environment *e, const struct image_passes *p, int k,
                               float *rgb, struct light_tracer_stats *stats, struct pass_costs *costs)
 {
     const size_t image = 3 * (size_t)r->set->gbuffer->width * r->set->gbuffer->height;
@@ -136,14 +136,14 @@ static enum err run_particles(struct relighter *r, const struct environment *e, 
     return result;
 }
 
-static enum err run_light_tracer(struct relighter *r, const struct environment *e, const struct picture_passes *p,
+static enum err run_light_tracer(struct relighter *r, const struct environment *e, const struct image_passes *p,
                                  float *picture, struct relight_stats *stats, struct pass_costs *costs)
 {
     struct backplate *b = r->passes.backplate;
     const bool any = !p->beside && (p->stored || p->light[0].particles > 0 || p->light[1].particles > 0);
     const struct gbuffer *g = r->set->gbuffer;
     const size_t values = 3 * (size_t)g->width * g->height;
-    const bool apart = any && p->denoiser && !b; /* from the picture, to be spread */
+    const bool apart = any && p->denoiser && !b; /* from the image, to be spread */
     float *own = apart ? mem_alloc(values, sizeof(*own)) : NULL;
     float *rgb = b && any ? backplate_splats(b) : apart ? own : picture;
     enum err result = rgb ? ERR_OK : ERR_NOMEM;
@@ -188,7 +188,7 @@ static enum err steady_ground(struct relighter *r, const struct environment *e, 
     bare.no_visibility = bare.keep = true;
     bare.only = only;
     bare.log = NULL;
-    const enum err result = passes_direct(s, PASS_PICTURE, e, &bare, lo, &stats, &seconds);
+    const enum err result = passes_direct(s, PASS_IMAGE, e, &bare, lo, &stats, &seconds);
     if (!result && !is_cancelled(by->cancel))
         backplate_steady(s->backplate, lit);
     return result;
@@ -206,7 +206,7 @@ static void resolve(struct relighter *r, const struct environment *e, bool backg
 }
 
 /* Direct light, with a ground that is steady. */
-static enum err run_lit(struct relighter *r, const struct environment *e, const struct picture_passes *p, float *lo,
+static enum err run_lit(struct relighter *r, const struct environment *e, const struct image_passes *p, float *lo,
                         struct relight_stats *stats)
 {
     const enum err result = run_direct(r, e, p, lo, stats);
@@ -217,7 +217,7 @@ static enum err run_lit(struct relighter *r, const struct environment *e, const 
 }
 
 /* Packets that other techniques light, too: the history's samples cannot separate that light from the cache's. */
-static void leave_out(const struct relighter *r, const struct picture_passes *p, float *final)
+static void leave_out(const struct relighter *r, const struct image_passes *p, float *final)
 {
     const struct gbuffer *g = r->set->gbuffer;
     const struct packet_list *left = p->eye[1].paths > 0 ? p->eye[1].only : NULL;
@@ -230,11 +230,11 @@ static void leave_out(const struct relighter *r, const struct picture_passes *p,
 }
 
 /* Samples the cache's light without bias, with few samples, as halves, at the packets of a history. */
-static enum err sample_beside_cache(struct relighter *r, const struct environment *e, const struct picture_passes *p,
+static enum err sample_beside_cache(struct relighter *r, const struct environment *e, const struct image_passes *p,
                                     struct relight_stats *stats)
 {
     const uint32_t lit = stats->plan.indirect == PLAN_CACHE ? PATH_INDIRECT_LIT : 0;
-    struct picture_passes few = { .direct = p->cached->direct }, half;
+    struct image_passes few = { .direct = p->cached->direct }, half;
     struct direct_stats one;
     struct eye_paths_stats eye;
     enum err result = ERR_OK;
@@ -242,8 +242,8 @@ static enum err sample_beside_cache(struct relighter *r, const struct environmen
 
     few.direct.method = METHOD_AUTO;
     few.direct.samples = BESIDE_SAMPLES;
-    few.direct.only = history_due(p->history);
-    few.direct.pass = history_turn(p->history);
+    few.direct.only = accumulation_due(p->accumulation);
+    few.direct.pass = accumulation_turn(p->accumulation);
     few.eye[0] = (struct eye_paths_desc){ .classes = lit | (p->eye[0].paths > 0 ? p->eye[0].classes : 0),
                                           .behind_classes = lit,
                                           .paths = 1,
@@ -255,7 +255,7 @@ static enum err sample_beside_cache(struct relighter *r, const struct environmen
     for (int k = 0; k < 2 && !result; k++) {
         float *lo = denoiser_half(r->denoiser, k);
         passes_half(&few, k, &half);
-        result = passes_direct(&r->passes, PASS_PICTURE, e, &half.direct, lo, &one, &seconds);
+        result = passes_direct(&r->passes, PASS_IMAGE, e, &half.direct, lo, &one, &seconds);
         if (!result && r->passes.backplate)
             result = steady_ground(r, e, &half.direct, few.direct.only, lo);
         if (!result && half.eye[0].classes)
@@ -266,29 +266,29 @@ static enum err sample_beside_cache(struct relighter *r, const struct environmen
 }
 
 /* lo: the light of a cache under construction, corrected by a history, plus the light of eye paths. */
-static enum err correct(struct relighter *r, const struct environment *e, const struct picture_passes *p, float *lo,
+static enum err correct(struct relighter *r, const struct environment *e, const struct image_passes *p, float *lo,
                         struct relight_stats *stats)
 {
-    struct history *h = p->history;
-    struct picture_passes beyond = *p;
+    struct accumulation *h = p->accumulation;
+    struct image_passes beyond = *p;
     enum err result = ERR_OK;
 
-    relight_cache_versions(&r->cache, history_final(h), history_changed(h));
-    leave_out(r, p, history_final(h));
-    history_follow(h, lo);
-    if (history_due(h)->count > 0)
+    relight_cache_versions(&r->cache, accumulation_final(h), accumulation_changed(h));
+    leave_out(r, p, accumulation_final(h));
+    accumulation_follow(h, lo);
+    if (accumulation_due(h)->count > 0)
         result = sample_beside_cache(r, e, p, stats);
     if (!result && !is_cancelled(p->cached->direct.cancel))
-        history_add(h, NULL);
-    history_show(h, NULL, lo);
-    beyond.eye[0].only = history_beyond(h); /* elsewhere its light is in the history */
+        accumulation_add(h, NULL);
+    accumulation_show(h, NULL, lo);
+    beyond.eye[0].only = accumulation_beyond(h); /* elsewhere its light is in the history */
     return result ? result : run_eye_paths(r, e, &beyond, lo, stats);
 }
 
 /* Counts of one of two halves. */
-static void halve(struct picture_passes *p)
+static void halve(struct image_passes *p)
 {
-    const bool alone = p->direct.samples > 0 && !p->history && p->eye[0].paths == 0;
+    const bool alone = p->direct.samples > 0 && !p->accumulation && p->eye[0].paths == 0;
     const uint32_t least = alone ? HALF_LEAST : 0, half = (p->direct.samples + 1) / 2;
 
     p->direct.samples = half > least ? half : least;
@@ -297,7 +297,7 @@ static void halve(struct picture_passes *p)
 }
 
 /* Direct light of both halves; the cache's light has no noise and is the same in both. */
-static enum err run_direct_halves(struct relighter *r, const struct environment *e, const struct picture_passes *halves,
+static enum err run_direct_halves(struct relighter *r, const struct environment *e, const struct image_passes *halves,
                                   struct relight_stats *stats)
 {
     struct direct_stats first;
@@ -320,20 +320,20 @@ static enum err run_direct_halves(struct relighter *r, const struct environment 
 }
 
 /* To r->passes.lo, by way of a history if there is one. */
-static void filter_halves(struct relighter *r, const struct picture_passes *p)
+static void filter_halves(struct relighter *r, const struct image_passes *p)
 {
     const float *const half[2] = { denoiser_half(r->denoiser, 0), denoiser_half(r->denoiser, 1) };
 
-    if (p->history && !is_cancelled(p->direct.cancel)) {
-        history_add(p->history, NULL);
-        history_show(p->history, NULL, r->passes.lo);
+    if (p->accumulation && !is_cancelled(p->direct.cancel)) {
+        accumulation_add(p->accumulation, NULL);
+        accumulation_show(p->accumulation, NULL, r->passes.lo);
     } else {
         denoiser_filter(r->denoiser, half, r->passes.lo);
     }
 }
 
 /* Together with other processes, in r->points. */
-static enum err run_dealt(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
+static enum err run_dealt(struct relighter *r, const struct environment *e, const struct image_passes *passes,
                           struct relight_stats *stats, struct pass_costs *costs)
 {
     const double start = clock_seconds();
@@ -345,16 +345,16 @@ static enum err run_dealt(struct relighter *r, const struct environment *e, cons
 }
 
 /* The light of shade points, r->points. */
-static enum err run_points(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
+static enum err run_points(struct relighter *r, const struct environment *e, const struct image_passes *passes,
                            struct relight_stats *stats, struct pass_costs *costs)
 {
-    const bool split = passes->denoiser != NULL, corrected = passes->history && !split;
-    struct picture_passes halves[2];
+    const bool split = passes->denoiser != NULL, corrected = passes->accumulation && !split;
+    struct image_passes halves[2];
     const double start = clock_seconds();
     enum err result;
 
     if (passes->glides) {
-        history_glide(passes->history, r->passes.lo);
+        accumulation_glide(passes->accumulation, r->passes.lo);
         r->points = r->passes.lo;
         return ERR_OK;
     }
@@ -377,7 +377,7 @@ static enum err run_points(struct relighter *r, const struct environment *e, con
     return result;
 }
 
-static enum err run_passes(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
+static enum err run_passes(struct relighter *r, const struct environment *e, const struct image_passes *passes,
                            float *rgb, struct relight_stats *stats, struct pass_costs *costs)
 {
     const bool dealt = r->team && relighter_can_deal(r, passes);
@@ -413,7 +413,7 @@ static enum err run_passes(struct relighter *r, const struct environment *e, con
     return result;
 }
 
-enum err relighter_run_passes(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
+enum err relighter_run_passes(struct relighter *r, const struct environment *e, const struct image_passes *passes,
                               float *rgb, struct relight_stats *stats, struct pass_costs *costs)
 {
     precedence_begin(&r->cache.urgent);
@@ -436,7 +436,7 @@ enum err relighter_denoiser(struct relighter *r, const struct relight_desc *desc
 }
 
 /* While the cache is rough or missing; afterwards the history is freed. */
-static bool wants_history(struct relighter *r, const struct relight_desc *desc, const struct plan *plan)
+static bool wants_accumulation(struct relighter *r, const struct relight_desc *desc, const struct plan *plan)
 {
     const bool cached = relight_is_cached(desc);
     const bool rough = cached && r->cache.transport && !relight_cache_is_settled(&r->cache) &&
@@ -444,31 +444,31 @@ static bool wants_history(struct relighter *r, const struct relight_desc *desc, 
 
     if (desc->remember && (rough || (!cached && desc->denoise)))
         return true;
-    history_destroy(r->history);
-    r->history = NULL;
+    accumulation_destroy(r->accumulation);
+    r->accumulation = NULL;
     return false;
 }
 
-static enum err add_history(struct relighter *r, const struct relight_desc *desc, const struct plan *plan, bool still,
-                            struct picture_passes *passes)
+static enum err add_accumulation(struct relighter *r, const struct relight_desc *desc, const struct plan *plan,
+                                 bool still, struct image_passes *passes)
 {
-    if (!wants_history(r, desc, plan))
+    if (!wants_accumulation(r, desc, plan))
         return ERR_OK;
-    if (denoiser_of(r) && !r->history)
-        r->history = history_create(r->set->gbuffer, r->denoiser);
-    if (!r->history)
+    if (denoiser_of(r) && !r->accumulation)
+        r->accumulation = accumulation_create(r->set->gbuffer, r->denoiser);
+    if (!r->accumulation)
         return ERR_NOMEM;
-    history_begin(r->history, desc->classes, still && desc->glide);
-    passes->history = r->history;
-    passes->glides = history_glides(r->history) > 0;
+    accumulation_begin(r->accumulation, desc->classes, still && desc->glide);
+    passes->accumulation = r->accumulation;
+    passes->glides = accumulation_glides(r->accumulation) > 0;
     if (passes->denoiser) /* with random numbers of its own */
-        passes->direct.pass = passes->eye[0].pass = passes->eye[1].pass = history_turn(r->history);
+        passes->direct.pass = passes->eye[0].pass = passes->eye[1].pass = accumulation_turn(r->accumulation);
     return ERR_OK;
 }
 
-/* Light that the points' history does not contain: it has its own history while pictures are live. */
+/* Light that the points' history does not contain: it has its own history while images are live. */
 static enum err add_beside(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
-                           const struct plan *plan, bool still, struct picture_passes *passes)
+                           const struct plan *plan, bool still, struct image_passes *passes)
 {
     if (!beside_wanted(r->set, desc)) {
         beside_destroy(r->beside);
@@ -485,7 +485,7 @@ static enum err add_beside(struct relighter *r, const struct environment *e, con
 }
 
 static enum err run_with_progress(struct relighter *r, const struct environment *e, struct progress *line,
-                                  struct picture_passes *p, float *rgb, struct relight_stats *stats)
+                                  struct image_passes *p, float *rgb, struct relight_stats *stats)
 {
     struct progress_part part;
     struct pass_costs costs;
@@ -507,18 +507,18 @@ static bool sky_is_still(struct relighter *r, const struct environment *e)
 }
 
 enum err relighter_describe(struct relighter *r, const struct environment *e, const struct relight_desc *desc,
-                            struct picture_passes *passes, struct relight_stats *stats)
+                            struct image_passes *passes, struct relight_stats *stats)
 {
     *stats = (struct relight_stats){ 0 };
     enum err result = relighter_prepare(r, desc, false, &stats->cache_ms);
     if (result)
         return result;
-    relight_plan(r->set, r->cache.bounce.bounce, e, desc, relight_caustics_serve(&r->caustics), &stats->plan);
-    relight_plan_passes(r->set, r->cache.bounce.bounce, r->passes.scratch, desc, &stats->plan, passes);
+    relight_plan(r->set, r->cache.indirect.indirect, e, desc, relight_caustics_serve(&r->caustics), &stats->plan);
+    relight_plan_passes(r->set, r->cache.indirect.indirect, r->passes.scratch, desc, &stats->plan, passes);
     result = relighter_denoiser(r, desc, &passes->denoiser);
     const bool still = desc->remember && sky_is_still(r, e);
     if (!result)
-        result = add_history(r, desc, &stats->plan, still, passes);
+        result = add_accumulation(r, desc, &stats->plan, still, passes);
     if (!result)
         result = add_beside(r, e, desc, &stats->plan, still, passes);
     if (!result && passes->denoiser)
@@ -535,7 +535,7 @@ void relighter_hold_ground(struct relighter *r, bool hold)
 enum err relighter_run(struct relighter *r, const struct environment *e, const struct relight_desc *desc, float *rgb,
                        struct relight_stats *stats)
 {
-    struct picture_passes passes;
+    struct image_passes passes;
 
     if (method_is_reference(desc->direct.method)) {
         *stats = (struct relight_stats){ 0 };
@@ -551,16 +551,16 @@ enum err relighter_run(struct relighter *r, const struct environment *e, const s
         result = run_with_progress(r, e, desc->progress, &passes, rgb, stats);
     if (!result)
         relighter_state_error(r, e, desc, false, rgb, stats);
-    stats->glides = r->history ? history_glides(r->history) : 0;
+    stats->glides = r->accumulation ? accumulation_glides(r->accumulation) : 0;
     return result;
 }
 
-/* ---- Parts of a picture (part.h) ---- */
+/* ---- Parts of an image (part.h) ---- */
 
-enum err relighter_run_part(struct relighter *r, const struct environment *e, const struct picture_passes *passes,
+enum err relighter_run_part(struct relighter *r, const struct environment *e, const struct image_passes *passes,
                             const struct light_part *part, float *lo, struct relight_stats *stats)
 {
-    struct picture_passes own = *passes;
+    struct image_passes own = *passes;
     struct packet_list lists[3];
     enum err result = relighter_number_packets(r) ? ERR_OK : ERR_NOMEM;
 
@@ -575,7 +575,7 @@ enum err relighter_run_part(struct relighter *r, const struct environment *e, co
             own.eye[k].paths = 0;
     }
     if (own.cached)
-        result = relight_cache_shade(&r->cache, r->passes.direct[PASS_PICTURE], r->set, e, own.cached, part, lo, stats);
+        result = relight_cache_shade(&r->cache, r->passes.direct[PASS_IMAGE], r->set, e, own.cached, part, lo, stats);
     else if (own.direct.samples > 0 && part->end > part->first)
         result = run_direct(r, e, &own, lo, stats);
     else

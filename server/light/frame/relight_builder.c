@@ -14,10 +14,10 @@
 #include <stdatomic.h>
 #include <time.h>
 
-enum { QUICK, WHOLE, STAGES }; /* of interreflection */
+enum { QUICK, WHOLE, STAGES }; /* of indirect light */
 
 struct relight_builder {
-    const struct set *set;
+    const struct prepared_scene *set;
     const struct kernels *kernels;
     struct relight_desc light;
     struct transport_live *live;
@@ -27,17 +27,17 @@ struct relight_builder {
     uint32_t threads;
     pthread_t thread;
     bool started;
-    bool wanted; /* interreflection is */
+    bool wanted; /* indirect light is */
     struct progress progress[STAGES];
     atomic_bool ended[STAGES];
-    struct bounce *_Atomic next;  /* not taken yet, or NULL */
-    const struct bounce *whole;   /* the frames' thread owns it */
-    struct bounce_desc described; /* of `whole` */
+    struct indirect_cache *_Atomic next; /* not taken yet, or NULL */
+    const struct indirect_cache *whole;  /* the frames' thread owns it */
+    struct indirect_desc described;      /* of `whole` */
     atomic_bool cancelled;
     atomic_bool computes; /* files do not hold everything */
     atomic_bool done;     /* then the next fields are set */
     enum err error;
-    bool bounce_loaded, bounce_refused;
+    bool indirect_loaded, indirect_refused;
     struct reason why;
 };
 
@@ -56,56 +56,56 @@ static const struct transport *layout_of(const struct relight_builder *b)
     return b->loaded ? b->loaded : transport_live_layout(b->live);
 }
 
-static struct bounce_desc describe_bounce(const struct relight_builder *b)
+static struct indirect_desc describe_indirect(const struct relight_builder *b)
 {
-    struct bounce_desc d = relight_bounce_describe(b->set, &b->light, layout_of(b));
+    struct indirect_desc d = relight_indirect_describe(b->set, &b->light, layout_of(b));
 
     d.urgent = b->urgent;
     return d;
 }
 
-static void publish(struct relight_builder *b, struct bounce *made)
+static void publish(struct relight_builder *b, struct indirect_cache *made)
 {
     if (made)
-        bounce_destroy(atomic_exchange(&b->next, made));
+        indirect_destroy(atomic_exchange(&b->next, made));
 }
 
-static void refuse_bounce(struct relight_builder *b, const char *why)
+static void refuse_indirect(struct relight_builder *b, const char *why)
 {
     log_warning("%s: %s; eye paths are traced for it in every frame", b->set->name, why);
-    b->bounce_refused = true;
+    b->indirect_refused = true;
 }
 
 /* A rough cache in some seconds. Without memory for it eye paths continue. */
-static void build_quick_bounce(struct relight_builder *b)
+static void build_quick_indirect(struct relight_builder *b)
 {
-    struct bounce_desc d = describe_bounce(b);
+    struct indirect_desc d = describe_indirect(b);
     const double start = clock_seconds();
-    struct bounce *made = NULL;
+    struct indirect_cache *made = NULL;
     struct reason why;
 
     d.quick = true;
     d.progress = &b->progress[QUICK];
-    if (bounce_create(&d, b->kernels, &made, &why) == ERR_OK && made)
-        log_info("interreflection: a rough version is ready after %.1f s", clock_seconds() - start);
+    if (indirect_create(&d, b->kernels, &made, &why) == ERR_OK && made)
+        log_info("indirect light: a rough version is ready after %.1f s", clock_seconds() - start);
     publish(b, made);
     atomic_store(&b->ended[QUICK], true);
 }
 
-static void build_whole_bounce(struct relight_builder *b)
+static void build_whole_indirect(struct relight_builder *b)
 {
     const double start = clock_seconds();
-    struct bounce *made = NULL;
+    struct indirect_cache *made = NULL;
     struct reason why;
 
-    b->described = describe_bounce(b);
+    b->described = describe_indirect(b);
     b->described.progress = &b->progress[WHOLE];
-    const enum err e = bounce_create(&b->described, b->kernels, &made, &why);
+    const enum err e = indirect_create(&b->described, b->kernels, &made, &why);
     if (e)
-        refuse_bounce(b, why.text);
+        refuse_indirect(b, why.text);
     if (made)
-        log_info("interreflection: computed in the background in %.1f s, %.0f MB, %u records", clock_seconds() - start,
-                 1e-6 * (double)bounce_stats(made)->bytes, bounce_stats(made)->records);
+        log_info("indirect light: computed in the background in %.1f s, %.0f MB, %u records", clock_seconds() - start,
+                 1e-6 * (double)indirect_stats(made)->bytes, indirect_stats(made)->records);
     b->whole = made;
     if (made && !b->loaded)
         relight_keep_save(&b->keep, NULL, made, &b->described);
@@ -113,26 +113,26 @@ static void build_whole_bounce(struct relight_builder *b)
     atomic_store(&b->ended[WHOLE], true);
 }
 
-/* True if a file contains interreflection: the one with direct light, or the one stored before direct light was
+/* True if a file contains indirect light: the one with direct light, or the one stored before direct light was
  * computed. */
-static bool load_bounce(struct relight_builder *b)
+static bool load_indirect(struct relight_builder *b)
 {
-    struct bounce *made = NULL;
+    struct indirect_cache *made = NULL;
     struct reason why;
 
-    b->described = describe_bounce(b);
-    b->bounce_refused = relight_keep_load_bounce(&b->keep, b->kernels, &b->described, &made, &why) != ERR_OK;
-    if (b->bounce_refused)
-        refuse_bounce(b, why.text);
-    b->bounce_loaded = made != NULL;
+    b->described = describe_indirect(b);
+    b->indirect_refused = relight_keep_load_indirect(&b->keep, b->kernels, &b->described, &made, &why) != ERR_OK;
+    if (b->indirect_refused)
+        refuse_indirect(b, why.text);
+    b->indirect_loaded = made != NULL;
     if (made && !b->loaded) { /* the file of direct light will be another */
-        log_info("interreflection: loaded from %s", b->keep.place.path);
+        log_info("indirect light: loaded from %s", b->keep.place.path);
         b->whole = made;
     }
     publish(b, made);
-    atomic_store(&b->ended[QUICK], b->bounce_loaded);
-    atomic_store(&b->ended[WHOLE], b->bounce_loaded);
-    return b->bounce_loaded || b->bounce_refused;
+    atomic_store(&b->ended[QUICK], b->indirect_loaded);
+    atomic_store(&b->ended[WHOLE], b->indirect_loaded);
+    return b->indirect_loaded || b->indirect_refused;
 }
 
 static void build_coarsely(struct relight_builder *b)
@@ -162,26 +162,26 @@ static void check_memory(struct relight_builder *b, const struct transport *t)
 {
     const uint64_t rest = cache_memory_rest(b->light.cache_bytes, transport_stats(t)->bytes);
 
-    if (b->whole && !cache_memory_suffices(rest, bounce_stats(b->whole)->bytes)) {
+    if (b->whole && !cache_memory_suffices(rest, indirect_stats(b->whole)->bytes)) {
         b->whole = NULL;
-        refuse_bounce(b, "--cache-memory leaves too little for the cache of indirect light");
+        refuse_indirect(b, "--cache-memory leaves too little for the cache of indirect light");
     }
 }
 
 static void *build_main(void *arg)
 {
     struct relight_builder *b = arg;
-    const bool bounce = b->wanted && !load_bounce(b);
+    const bool indirect = b->wanted && !load_indirect(b);
 
-    atomic_store(&b->computes, bounce || !b->loaded);
+    atomic_store(&b->computes, indirect || !b->loaded);
 
     omp_set_num_threads((int)b->threads);
-    if (bounce)
-        build_quick_bounce(b);
+    if (indirect)
+        build_quick_indirect(b);
     if (!b->loaded)
         build_coarsely(b);
-    if (bounce && !b->error && !is_cancelled(&b->cancelled))
-        build_whole_bounce(b);
+    if (indirect && !b->error && !is_cancelled(&b->cancelled))
+        build_whole_indirect(b);
     const struct transport *t = b->loaded ? b->loaded : build_direct(b);
     if (t)
         check_memory(b, t);
@@ -209,9 +209,9 @@ enum err relight_builder_create(const struct relight_builder_desc *desc, struct 
     b->loaded = desc->loaded;
     b->urgent = desc->transport->urgent;
     b->threads = (uint32_t)omp_get_max_threads();
-    b->wanted = relight_bounce_wanted(b->set, &b->light);
+    b->wanted = relight_indirect_wanted(b->set, &b->light);
     for (int k = 0; k < STAGES; k++)
-        progress_begin(&b->progress[k], "interreflection", bounce_steps(b->set->gbuffer), NULL);
+        progress_begin(&b->progress[k], "indirect light", indirect_steps(b->set->gbuffer), NULL);
     if (!b->loaded)
         e = transport_live_create(b->set->gbuffer, b->set->rays, b->kernels, desc->transport, &b->live, why);
     if (!e) /* its own and OpenMP's for it, without which OpenMP would end the program */
@@ -235,7 +235,7 @@ void relight_builder_destroy(struct relight_builder *b)
         transport_live_cancel(b->live);
     if (b->started)
         pthread_join(b->thread, NULL);
-    bounce_destroy(atomic_load(&b->next));
+    indirect_destroy(atomic_load(&b->next));
     transport_live_destroy(b->live);
     mem_free(b);
 }
@@ -251,24 +251,25 @@ struct transport_live *relight_builder_live(struct relight_builder *b)
     return b->live;
 }
 
-struct bounce *relight_builder_take(struct relight_builder *b)
+struct indirect_cache *relight_builder_take(struct relight_builder *b)
 {
     return atomic_exchange(&b->next, NULL);
 }
 
-bool relight_builder_is_done(struct relight_builder *b, enum err *e, struct relight_bounce *bounce, struct reason *why)
+bool relight_builder_is_done(struct relight_builder *b, enum err *e, struct relight_indirect *indirect,
+                             struct reason *why)
 {
     if (!atomic_load(&b->done))
         return false;
     *e = b->error;
     if (b->error)
         *why = b->why;
-    bounce->loaded = b->bounce_loaded;
-    bounce->refused = b->bounce_refused;
+    indirect->loaded = b->indirect_loaded;
+    indirect->refused = b->indirect_refused;
     return true;
 }
 
-/* Of one of the stages of interreflection. */
+/* Of one of the stages of indirect light. */
 static double share_of(const struct relight_builder *b, int stage)
 {
     const struct progress *p = &b->progress[stage];
@@ -276,7 +277,7 @@ static double share_of(const struct relight_builder *b, int stage)
     return atomic_load(&b->ended[stage]) ? 1.0 : p->total ? 0.99 * (double)p->done / (double)p->total : 0.0;
 }
 
-bool relight_builder_has_bounce(const struct relight_builder *b)
+bool relight_builder_has_indirect(const struct relight_builder *b)
 {
     return !b->wanted || (atomic_load(&b->ended[WHOLE]) && !atomic_load(&b->next));
 }

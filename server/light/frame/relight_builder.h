@@ -3,23 +3,23 @@
 #pragma once
 
 #include "light/cache_direct/live.h"
-#include "light/frame/relight_bounce.h"
+#include "light/frame/relight_indirect.h"
 #include "light/frame/relight_keep.h"
 
 struct relight_builder;
 
 /* The request; set and kernels must outlive the builder. */
 struct relight_builder_desc {
-    const struct set *set;
+    const struct prepared_scene *set;
     const struct kernels *kernels;
     const struct relight_desc *light;       /* copied */
-    const struct transport_desc *transport; /* `urgent` precedes interreflection, too */
+    const struct transport_desc *transport; /* `urgent` precedes indirect light, too */
     const struct relight_keep *keep;
     const struct transport *loaded; /* the cache of direct light if it exists already; else NULL */
 };
 
-/* Starts the builder, which removes the largest errors first: a quick, rough cache of interreflection, if needed, that
- * frames use at once; coarse direct light; full interreflection, stored at once so that a kill does not lose it; full
+/* Starts the builder, which removes the largest errors first: a quick, rough cache of indirect light, if needed, that
+ * frames use at once; coarse direct light; full indirect light, stored at once so that a kill does not lose it; full
  * direct light. Parts in the file are loaded instead. ERR_NOMEM. */
 MUST_CHECK enum err relight_builder_create(const struct relight_builder_desc *desc, struct relight_builder **out,
                                            struct reason *why);
@@ -33,22 +33,23 @@ void relight_builder_await_files(struct relight_builder *b);
 /* The cache of direct light that it computes; NULL if it was loaded. */
 struct transport_live *relight_builder_live(struct relight_builder *b);
 
-/* Returns a new cache of interreflection or NULL. The caller owns it and must keep it until it gets another one or
+/* Returns a new cache of indirect light or NULL. The caller owns it and must keep it until it gets another one or
  * destroys the builder. Thread: any. */
-struct bounce *relight_builder_take(struct relight_builder *b);
+struct indirect_cache *relight_builder_take(struct relight_builder *b);
 
 /* False while it computes. Once true, one more call of relight_builder_take returns the last cache. *e is the result of
  * direct light, with a reason: ERR_RANGE, ERR_NOMEM. bounce->loaded and bounce->refused are the result of
- * interreflection; if refused, no cache of it may be used. */
-bool relight_builder_is_done(struct relight_builder *b, enum err *e, struct relight_bounce *bounce, struct reason *why);
+ * indirect light; if refused, no cache of it may be used. */
+bool relight_builder_is_done(struct relight_builder *b, enum err *e, struct relight_indirect *indirect,
+                             struct reason *why);
 
-/* True once relight_builder_take has returned the finished cache of interreflection, or none will come. */
-bool relight_builder_has_bounce(const struct relight_builder *b);
+/* True once relight_builder_take has returned the finished cache of indirect light, or none will come. */
+bool relight_builder_has_indirect(const struct relight_builder *b);
 
 /* How far the stages of both caches are, each 0 to 1. */
 struct relight_stages {
-    bool wanted, quick_ended; /* interreflection; its quick cache is there */
-    double quick, whole;      /* of interreflection */
+    bool wanted, quick_ended; /* indirect light; its quick cache is there */
+    double quick, whole;      /* of indirect light */
     double coarse, fine;      /* of direct light */
 };
 

@@ -25,7 +25,7 @@ void relight_cache_finish(struct relight_cache *c)
 
     precedence_end(&c->urgent);
     relight_builder_destroy(c->builder); /* which may be reading c->bounce */
-    relight_bounce_finish(&c->bounce);
+    relight_indirect_finish(&c->indirect);
     if (!lives)
         transport_destroy(c->transport);
     *c = (struct relight_cache){ .share = c->share };
@@ -62,7 +62,7 @@ static enum err refuse(struct relight_cache *c, enum err e, const struct reason 
 
 /* ---- In the foreground ---- */
 
-static enum err compute(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
+static enum err compute(struct relight_cache *c, const struct prepared_scene *set, const struct kernels *kernels,
                         struct transport_desc *desc, bool progress, struct reason *why)
 {
     struct progress line;
@@ -95,15 +95,15 @@ static enum err follow(struct relight_cache *c, bool at_once, struct reason *why
     struct transport_live *live = relight_builder_live(c->builder);
     enum err e = ERR_OK;
 
-    const bool done = c->building && relight_builder_is_done(c->builder, &e, &c->bounce, why);
-    struct bounce *next = relight_builder_take(c->builder);
+    const bool done = c->building && relight_builder_is_done(c->builder, &e, &c->indirect, why);
+    struct indirect_cache *next = relight_builder_take(c->builder);
     if (next)
-        relight_bounce_replace(&c->bounce, next, at_once);
+        relight_indirect_replace(&c->indirect, next, at_once);
     else
-        relight_bounce_advance(&c->bounce, at_once);
-    if (done && c->bounce.refused) {
-        relight_bounce_finish(&c->bounce);
-        c->bounce.refused = true;
+        relight_indirect_advance(&c->indirect, at_once);
+    if (done && c->indirect.refused) {
+        relight_indirect_finish(&c->indirect);
+        c->indirect.refused = true;
     }
     c->building &= !done;
     if (e) {
@@ -130,7 +130,7 @@ static enum err wait_for_builder(struct relight_cache *c, const atomic_bool *can
     return e;
 }
 
-/* Computes direct light unless it was loaded, and interreflection if needed. */
+/* Computes direct light unless it was loaded, and indirect light if needed. */
 static enum err begin(struct relight_cache *c, const struct relight_builder_desc *desc, struct reason *why)
 {
     const enum err e = relight_builder_create(desc, &c->builder, why);
@@ -139,7 +139,7 @@ static enum err begin(struct relight_cache *c, const struct relight_builder_desc
         return e;
     if (!c->transport)
         c->transport = transport_live_cache(relight_builder_live(c->builder));
-    if (desc->light->cache_if_kept) /* for this picture: reading takes less time than a picture by other means */
+    if (desc->light->cache_if_kept) /* for this image: reading takes less time than an image by other means */
         relight_builder_await_files(c->builder);
     c->building = true;
     return ERR_OK;
@@ -147,11 +147,12 @@ static enum err begin(struct relight_cache *c, const struct relight_builder_desc
 
 /* ---- */
 
-enum err relight_cache_begin(const struct relight_cache *c, const struct set *set, const struct relight_desc *desc)
+enum err relight_cache_begin(const struct relight_cache *c, const struct prepared_scene *set,
+                             const struct relight_desc *desc)
 {
-    const struct relight_bounce *b = &c->bounce;
+    const struct relight_indirect *b = &c->indirect;
     const bool lacks =
-        !is_for(c, desc) || (c->transport && !b->bounce && !b->refused && relight_bounce_wanted(set, desc));
+        !is_for(c, desc) || (c->transport && !b->indirect && !b->refused && relight_indirect_wanted(set, desc));
 
     return lacks && !desc->cache_background && c->share && c->share->begin
                ? c->share->begin(c->share->begin_context, desc)
@@ -171,10 +172,10 @@ enum err relight_cache_keep(struct relight_cache *c)
 enum err relight_cache_narrow(struct relight_cache *c)
 {
     transport_keep(c->transport, c->keep.share);
-    return c->bounce.bounce ? bounce_keep(c->bounce.bounce, c->transport, c->keep.share) : ERR_OK;
+    return c->indirect.indirect ? indirect_keep(c->indirect.indirect, c->transport, c->keep.share) : ERR_OK;
 }
 
-static enum err load_or_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
+static enum err load_or_make(struct relight_cache *c, const struct prepared_scene *set, const struct kernels *kernels,
                              const struct relight_desc *desc, bool progress, double *ms, struct reason *why)
 {
     struct transport_desc t = transport_of(desc);
@@ -203,12 +204,12 @@ static enum err load_or_make(struct relight_cache *c, const struct set *set, con
             relight_keep_save(&c->keep, c->transport, NULL, NULL);
     }
     const struct relight_builder_desc rest = { set, kernels, desc, &t, &c->keep, c->transport };
-    if (!e && desc->cache_background && (!c->transport || relight_bounce_wanted(set, desc)))
+    if (!e && desc->cache_background && (!c->transport || relight_indirect_wanted(set, desc)))
         e = begin(c, &rest, why);
     return e;
 }
 
-enum err relight_cache_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
+enum err relight_cache_make(struct relight_cache *c, const struct prepared_scene *set, const struct kernels *kernels,
                             const struct relight_desc *desc, bool progress, double *ms)
 {
     struct reason why = { "" };
@@ -250,7 +251,7 @@ double relight_cache_follow(struct relight_cache *c)
 /* ---- A frame ---- */
 
 /* Packets that the cache lacks, by the rule of auto. */
-static enum err sample(struct direct *direct, const struct set *set, const struct environment *e,
+static enum err sample(struct direct *direct, const struct prepared_scene *set, const struct environment *e,
                        const struct relight_desc *desc, const struct packet_list *only, uint32_t samples, float *lo,
                        struct relight_stats *stats)
 {
@@ -270,7 +271,7 @@ static enum err sample(struct direct *direct, const struct set *set, const struc
     return result;
 }
 
-enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, const struct set *set,
+enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, const struct prepared_scene *set,
                              const struct environment *e, const struct relight_desc *desc,
                              const struct light_part *part, float *lo, struct relight_stats *stats)
 {
@@ -310,14 +311,14 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
     if (unbuilt->count > 0)
         result =
             sample(direct, set, e, desc, unbuilt, samples < UNBUILT_SAMPLES ? samples : UNBUILT_SAMPLES, lo, stats);
-    const bool bounces = stats->plan.indirect == PLAN_CACHE && c->bounce.bounce;
-    const bool apart = !transport_is_settled(c->transport) || c->bounce.before;
+    const bool bounces = stats->plan.indirect == PLAN_CACHE && c->indirect.indirect;
+    const bool apart = !transport_is_settled(c->transport) || c->indirect.before;
     if (!result && bounces && !apart)
-        frame.indirect = relight_bounce_take(&c->bounce, e, desc, NULL, stats);
+        frame.indirect = relight_indirect_take(&c->indirect, e, desc, NULL, stats);
     if (!result)
         result = transport_shade(c->transport, e, &frame, lo, &stats->cache_frame);
     if (!result && bounces && apart)
-        relight_bounce_take(&c->bounce, e, desc, lo, stats);
+        relight_indirect_take(&c->indirect, e, desc, lo, stats);
     stats->cache = *transport_stats(c->transport);
     stats->cache_loaded = c->loaded;
     stats->cache_share = c->building ? relight_builder_share(c->builder) : 1.0;
@@ -327,19 +328,19 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
 
 void relight_cache_versions(struct relight_cache *c, float *final, bool *changed)
 {
-    const struct relight_bounce *b = &c->bounce;
-    const bool rough = c->building && !relight_builder_has_bounce(c->builder);
-    const float share = rough ? 0.0f : b->before ? (float)b->weight / RELIGHT_BOUNCE_FADE : 1.0f;
+    const struct relight_indirect *b = &c->indirect;
+    const bool rough = c->building && !relight_builder_has_indirect(c->builder);
+    const float share = rough ? 0.0f : b->before ? (float)b->weight / RELIGHT_INDIRECT_FADE : 1.0f;
 
     transport_live_versions(c->transport, final, changed);
     for (uint32_t k = 0; k < transport_stats(c->transport)->packets; k++) {
         final[k] *= share;
         changed[k] |= b->changed;
     }
-    c->bounce.changed = false;
+    c->indirect.changed = false;
 }
 
 bool relight_cache_is_settled(const struct relight_cache *c)
 {
-    return !c->building && c->transport && transport_is_settled(c->transport) && !c->bounce.before;
+    return !c->building && c->transport && transport_is_settled(c->transport) && !c->indirect.before;
 }

@@ -5,21 +5,21 @@
 #include "base/precedence.h"
 #include "light/cache_direct/transport.h"
 #include "light/frame/relight.h"
-#include "light/frame/relight_bounce.h"
+#include "light/frame/relight_indirect.h"
 #include "light/frame/relight_keep.h"
 
 struct light_part;
 struct relight_builder;
 
-struct relight_cache {               /* zero it first */
-    struct transport *transport;     /* the builder's if there is one */
-    struct relight_builder *builder; /* computes it in the background, or has finished */
-    bool building;                   /* the builder has not finished */
-    struct precedence urgent;        /* of images over it */
-    struct relight_bounce bounce;    /* of the same packets */
-    struct relight_keep keep;        /* the file of both */
-    const struct cache_share *share; /* other processes that have the same cache; NULL: none. Stays when it is freed */
-    bool no_visibility;              /* the setting it was computed with */
+struct relight_cache {                /* zero it first */
+    struct transport *transport;      /* the builder's if there is one */
+    struct relight_builder *builder;  /* computes it in the background, or has finished */
+    bool building;                    /* the builder has not finished */
+    struct precedence urgent;         /* of images over it */
+    struct relight_indirect indirect; /* of the same packets */
+    struct relight_keep keep;         /* the file of both */
+    const struct cache_share *share;  /* other processes that have the same cache; NULL: none. Stays when it is freed */
+    bool no_visibility;               /* the setting it was computed with */
     uint64_t max_bytes;
     bool loaded;  /* from a file */
     bool refused; /* with these settings; it is not retried */
@@ -31,15 +31,16 @@ struct relight_cache {               /* zero it first */
 void relight_cache_finish(struct relight_cache *c);
 
 /* Loads or computes it if it is missing, in *ms milliseconds (0: it was there). progress: draw a line. With
- * desc->cache_background a thread computes it, and a refusal is not an error, because METHOD_AUTO lights the pictures
+ * desc->cache_background a thread computes it, and a refusal is not an error, because METHOD_AUTO lights the images
  * then. Otherwise the call waits for a running computation. ERR_RANGE: it would exceed the memory limit. Cancellation
  * leaves no cache and is not an error. A file that cannot be used or written is logged and is not an error. */
-MUST_CHECK enum err relight_cache_make(struct relight_cache *c, const struct set *set, const struct kernels *kernels,
-                                       const struct relight_desc *desc, bool progress, double *ms);
+MUST_CHECK enum err relight_cache_make(struct relight_cache *c, const struct prepared_scene *set,
+                                       const struct kernels *kernels, const struct relight_desc *desc, bool progress,
+                                       double *ms);
 
 /* With other processes: tells them if a request needs a missing cache, so that all load or compute it. ERR_IO:
  * one does not answer. */
-MUST_CHECK enum err relight_cache_begin(const struct relight_cache *c, const struct set *set,
+MUST_CHECK enum err relight_cache_begin(const struct relight_cache *c, const struct prepared_scene *set,
                                         const struct relight_desc *desc);
 
 /* With other processes, once both caches are complete and stored: process 0 frees the parts that only other processes
@@ -54,14 +55,15 @@ MUST_CHECK enum err relight_cache_narrow(struct relight_cache *c);
 double relight_cache_follow(struct relight_cache *c);
 
 /* Writes direct light to lo: by the cache, or by direct_shade with METHOD_AUTO for packets that the cache lacks.
- * Includes interreflection if stats->plan assigns it to the cache. part: only these packets, of a complete cache; NULL:
+ * Includes indirect light if stats->plan assigns it to the cache. part: only these packets, of a complete cache; NULL:
  * all. Fills stats->direct, stats->cache_* and stats->bounce_*. Errors are those of transport_shade and
  * direct_shade. */
-MUST_CHECK enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, const struct set *set,
-                                        const struct environment *e, const struct relight_desc *desc,
-                                        const struct light_part *part, float *lo, struct relight_stats *stats);
+MUST_CHECK enum err relight_cache_shade(struct relight_cache *c, struct direct *direct,
+                                        const struct prepared_scene *set, const struct environment *e,
+                                        const struct relight_desc *desc, const struct light_part *part, float *lo,
+                                        struct relight_stats *stats);
 
-/* The packets' versions, [packet_count], as in transport_live_versions, interreflection included. */
+/* The packets' versions, [packet_count], as in transport_live_versions, indirect light included. */
 void relight_cache_versions(struct relight_cache *c, float *final, bool *changed);
 
 /* True once there is a finished cache, and frames use no other. */

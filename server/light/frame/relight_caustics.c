@@ -9,10 +9,10 @@
 #include <stdio.h>
 
 #define PATHS_PER_PIXEL 64 /* stored by default */
-#define PARTS_STILL 64     /* if none is redrawn, for the progress line only */
+#define PARTS_REFINE 64    /* if none is redrawn, for the progress line only */
 #define SERVES 8           /* 1 / the share of its parts from which a live image's store is better than eye paths */
 #define BEHIND_FOR_EACH 8  /* stored eye paths for each that would be traced in a frame: a frame hardly notices them */
-#define PARTS_AT_ONCE 2    /* of a live picture: one for either half */
+#define PARTS_AT_ONCE 2    /* of a live image: one for either half */
 
 void relight_caustics_finish(struct relight_caustics *c)
 {
@@ -30,8 +30,8 @@ static bool is_for(const struct relight_caustics *c, const struct caustic_store_
            m->start == wish->start && m->seed == wish->seed && m->max_bytes == wish->max_bytes;
 }
 
-static MUST_CHECK enum err create(struct relight_caustics *c, const struct set *set, const struct relight_desc *desc,
-                                  const struct caustic_store_desc *wish)
+static MUST_CHECK enum err create(struct relight_caustics *c, const struct prepared_scene *set,
+                                  const struct relight_desc *desc, const struct caustic_store_desc *wish)
 {
     struct reason why;
 
@@ -50,14 +50,15 @@ static uint64_t turn_of(const struct relight_desc *desc)
     return desc->renew ? desc->turn : 0;
 }
 
-static struct caustic_store_desc describe(const struct set *set, const struct relight_desc *desc, uint32_t classes)
+static struct caustic_store_desc describe(const struct prepared_scene *set, const struct relight_desc *desc,
+                                          uint32_t classes)
 {
     const uint64_t pixels = (uint64_t)set->view.width * set->view.height;
 
     return (struct caustic_store_desc){
         .classes = classes,
         .paths = desc->stored_paths ? desc->stored_paths : pixels * PATHS_PER_PIXEL,
-        .parts = desc->renew ? desc->renew : PARTS_STILL,
+        .parts = desc->renew ? desc->renew : PARTS_REFINE,
         .start = desc->start,
         .seed = rng_mix(desc->direct.seed, 0x73746f7265),
         .max_bytes = desc->cache_bytes,
@@ -65,16 +66,16 @@ static struct caustic_store_desc describe(const struct set *set, const struct re
     };
 }
 
-enum err relight_caustics_begin(struct relight_caustics *c, const struct set *set, const struct relight_desc *desc,
-                                uint32_t classes)
+enum err relight_caustics_begin(struct relight_caustics *c, const struct prepared_scene *set,
+                                const struct relight_desc *desc, uint32_t classes)
 {
     const struct caustic_store_desc wish = describe(set, desc, classes);
 
     return is_for(c, &wish) ? ERR_OK : create(c, set, desc, &wish);
 }
 
-enum err relight_caustics_make(struct relight_caustics *c, const struct set *set, const struct relight_desc *desc,
-                               uint32_t classes, bool progress, double *ms)
+enum err relight_caustics_make(struct relight_caustics *c, const struct prepared_scene *set,
+                               const struct relight_desc *desc, uint32_t classes, bool progress, double *ms)
 {
     const struct caustic_store_desc wish = describe(set, desc, classes);
 
@@ -97,24 +98,23 @@ enum err relight_caustics_make(struct relight_caustics *c, const struct set *set
     return e;
 }
 
-/* The particles of the bright part: the same number as would start there if plan->particles were drawn from the whole
+/* The particles of the sun: the same number as would start there if plan->particles were drawn from the whole
  * sky. */
-static uint64_t bright_particles(const struct relight_caustics *c, const struct environment *e, uint64_t particles)
+static uint64_t sun_particles(const struct relight_caustics *c, const struct environment *e, uint64_t particles)
 {
-    return c->sky.bright_count ? (uint64_t)ceil((double)particles * fmin(1.0, c->sky.bright_energy / e->total_energy))
-                               : 0;
+    return c->sky.sun_count ? (uint64_t)ceil((double)particles * fmin(1.0, c->sky.sun_energy / e->total_energy)) : 0;
 }
 
-struct light_tracer_desc relight_caustics_bright(const struct relight_caustics *c, const struct environment *e,
-                                                 const struct relight_desc *desc, uint64_t particles)
+struct light_tracer_desc relight_caustics_sun(const struct relight_caustics *c, const struct environment *e,
+                                              const struct relight_desc *desc, uint64_t particles)
 {
     return (struct light_tracer_desc){
         .classes = c->made.classes,
-        .particles = bright_particles(c, e, particles),
+        .particles = sun_particles(c, e, particles),
         .seed = rng_mix(desc->direct.seed, 0x627269676874),
         .pass = desc->direct.pass,
         .start = desc->start,
-        .bright = &c->sky,
+        .sun = &c->sky,
         .cancel = desc->direct.cancel,
     };
 }
@@ -164,14 +164,14 @@ enum err relight_caustics_run(struct relight_caustics *c, struct light_tracer *l
     result = sky_split_take(&c->sky, e);
     if (!result)
         result = caustic_store_light(c->store, e, c->sky.level, rgb);
-    struct light_tracer_desc bright = relight_caustics_bright(c, e, desc, stats->plan.particles);
-    bright.ground = c->made.ground_apart ? rgb + c->image : NULL;
+    struct light_tracer_desc sun = relight_caustics_sun(c, e, desc, stats->plan.particles);
+    sun.ground = c->made.ground_apart ? rgb + c->image : NULL;
     if (!result)
-        result = light_tracer_run(light, e, &bright, rgb, &stats->light);
+        result = light_tracer_run(light, e, &sun, rgb, &stats->light);
     return result;
 }
 
-enum err relight_caustics_make_behind(struct relight_caustics *c, const struct set *set,
+enum err relight_caustics_make_behind(struct relight_caustics *c, const struct prepared_scene *set,
                                       const struct relight_desc *desc, uint32_t classes, uint32_t paths, double *ms)
 {
     const struct eye_store_desc wish = {

@@ -19,10 +19,10 @@ struct relight_caustics { /* zero it first */
 void relight_caustics_finish(struct relight_caustics *c);
 
 /* Creates an empty store for these classes if it is missing. ERR_RANGE, ERR_NOMEM. */
-MUST_CHECK enum err relight_caustics_begin(struct relight_caustics *c, const struct set *set,
+MUST_CHECK enum err relight_caustics_begin(struct relight_caustics *c, const struct prepared_scene *set,
                                            const struct relight_desc *desc, uint32_t classes);
 
-/* For live pictures: draws missing parts of desc->turn for about `seconds`, at least two parts. ERR_NOMEM. */
+/* For live images: draws missing parts of desc->turn for about `seconds`, at least two parts. ERR_NOMEM. */
 MUST_CHECK enum err relight_caustics_grow(struct relight_caustics *c, const struct relight_desc *desc, double seconds,
                                           struct relight_stats *stats);
 
@@ -34,18 +34,18 @@ bool relight_caustics_serve(const struct relight_caustics *c);
 MUST_CHECK enum err relight_caustics_half(struct relight_caustics *c, const struct environment *e,
                                           const struct relight_desc *desc, uint32_t half, float *rgb);
 
-/* The light tracer's description for the bright part of e, which gets its energy share of `particles`. Call it after
+/* The light tracer's description for the sun of e, which gets its energy share of `particles`. Call it after
  * relight_caustics_half. */
-struct light_tracer_desc relight_caustics_bright(const struct relight_caustics *c, const struct environment *e,
+struct light_tracer_desc relight_caustics_sun(const struct relight_caustics *c, const struct environment *e,
                                                  const struct relight_desc *desc, uint64_t particles);
 
 /* Builds the store for these classes if it is missing, and adds the milliseconds to *ms. progress: draw a line.
  * ERR_RANGE: a few paths would exceed the memory limit. Cancellation may leave it incomplete and is not an error. */
-MUST_CHECK enum err relight_caustics_make(struct relight_caustics *c, const struct set *set,
+MUST_CHECK enum err relight_caustics_make(struct relight_caustics *c, const struct prepared_scene *set,
                                           const struct relight_desc *desc, uint32_t classes, bool progress, double *ms);
 
 /* Draws the missing parts of desc->turn, then adds to rgb the store's light under e and the light of particles from the
- * bright part, which gets its energy share of plan->particles. With a ground, rgb has the layout of
+ * sun, which gets its energy share of plan->particles. With a ground, rgb has the layout of
  * caustic_store_desc.ground_apart. Fills stats->light and stats->stored. ERR_NOMEM. */
 MUST_CHECK enum err relight_caustics_run(struct relight_caustics *c, struct light_tracer *light,
                                          const struct environment *e, const struct relight_desc *desc, float *rgb,
@@ -53,7 +53,7 @@ MUST_CHECK enum err relight_caustics_run(struct relight_caustics *c, struct ligh
 
 /* Stores eye paths of these classes at points behind mirrors and glass (eye_store.h), 8 for each of `paths`, if they
  * are missing, and adds the milliseconds to *ms. ERR_NOMEM. */
-MUST_CHECK enum err relight_caustics_make_behind(struct relight_caustics *c, const struct set *set,
+MUST_CHECK enum err relight_caustics_make_behind(struct relight_caustics *c, const struct prepared_scene *set,
                                                  const struct relight_desc *desc, uint32_t classes, uint32_t paths,
                                                  double *ms);
 

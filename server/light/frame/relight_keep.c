@@ -9,14 +9,14 @@
 
 #include <string.h>
 
-bool relight_may_be_kept(const struct set_desc *set, const struct relight_desc *desc)
+bool relight_may_be_kept(const struct prepared_scene_desc *set, const struct relight_desc *desc)
 {
     const struct cache_view view = { set->scene ? set->scene : "", NULL, set->width, set->height };
 
     return cache_place_may_have(&view, desc->cache_file, desc->cache_dir);
 }
 
-void relight_keep_init(struct relight_keep *k, const struct set *set, const struct kernels *kernels,
+void relight_keep_init(struct relight_keep *k, const struct prepared_scene *set, const struct kernels *kernels,
                        const struct relight_desc *desc, const struct transport_desc *transport)
 {
     struct reason why;
@@ -75,7 +75,7 @@ static enum err refuse(struct relight_keep *k, enum err e, const char *light, st
     return ERR_OK;
 }
 
-enum err relight_keep_load(struct relight_keep *k, const struct set *set, const struct kernels *kernels,
+enum err relight_keep_load(struct relight_keep *k, const struct prepared_scene *set, const struct kernels *kernels,
                            const struct transport_desc *transport, struct transport **out, struct reason *why)
 {
     struct cache_reader *r;
@@ -94,8 +94,8 @@ enum err relight_keep_load(struct relight_keep *k, const struct set *set, const 
     return ERR_OK;
 }
 
-enum err relight_keep_load_bounce(struct relight_keep *k, const struct kernels *kernels, const struct bounce_desc *desc,
-                                  struct bounce **out, struct reason *why)
+enum err relight_keep_load_indirect(struct relight_keep *k, const struct kernels *kernels,
+                                    const struct indirect_desc *desc, struct indirect_cache **out, struct reason *why)
 {
     struct cache_reader *r;
     enum err e = open_file(k, &r, why);
@@ -104,17 +104,17 @@ enum err relight_keep_load_bounce(struct relight_keep *k, const struct kernels *
     if (!e && !r)
         return ERR_OK;
     if (!e) {
-        const struct digest key = bounce_key(&k->key, desc);
-        e = bounce_load(r, &key, desc, kernels, out, why);
+        const struct digest key = indirect_key(&k->key, desc);
+        e = indirect_load(r, &key, desc, kernels, out, why);
     }
     cache_reader_close(r);
     return e ? refuse(k, e, "indirect light", why) : ERR_OK;
 }
 
-void relight_keep_save(struct relight_keep *k, const struct transport *t, const struct bounce *bounce,
-                       const struct bounce_desc *desc)
+void relight_keep_save(struct relight_keep *k, const struct transport *t, const struct indirect_cache *indirect,
+                       const struct indirect_desc *desc)
 {
-    const uint64_t bytes = (t ? transport_stats(t)->bytes : 0) + (bounce ? bounce_stats(bounce)->bytes : 0);
+    const uint64_t bytes = (t ? transport_stats(t)->bytes : 0) + (indirect ? indirect_stats(indirect)->bytes : 0);
     struct reason why = { "" };
 
     if (!k->place.path[0] || k->unwritable || !cache_share_takes_all(k->share))
@@ -124,16 +124,16 @@ void relight_keep_save(struct relight_keep *k, const struct transport *t, const 
     if (!e) {
         if (t)
             transport_save(t, &k->key, file);
-        if (bounce) {
-            const struct digest key = bounce_key(&k->key, desc);
-            bounce_save(bounce, &key, file);
+        if (indirect) {
+            const struct digest key = indirect_key(&k->key, desc);
+            indirect_save(indirect, &key, file);
         }
         e = cache_writer_store(file, k->place.path, &why);
     }
     cache_writer_destroy(file);
     if (!e)
-        log_info("%s%s: kept in %s", t ? "light transport" : "interreflection",
-                 t && bounce ? " and interreflection" : "", k->place.path);
+        log_info("%s%s: kept in %s", t ? "light transport" : "indirect light",
+                 t && indirect ? " and indirect light" : "", k->place.path);
     else
         log_warning("light transport is not kept for the next run: %s", why.text);
     k->unwritable = e != ERR_OK;

@@ -45,7 +45,7 @@ static size_t values_of(const struct relight_lamps *l)
 /* What only a filtered part has. */
 static bool create_filter(struct relight_lamps *l, const struct lamps_desc *first)
 {
-    const struct set *set = l->desc.set;
+    const struct prepared_scene *set = l->desc.set;
     struct lamps_desc second = *first;
 
     second.seed = rng_mix(first->seed, 0x68616c66); /* "half" */
@@ -57,7 +57,7 @@ static bool create_filter(struct relight_lamps *l, const struct lamps_desc *firs
 
 enum err relight_lamps_create(const struct relight_lamps_desc *desc, struct relight_lamps **out, struct reason *why)
 {
-    const struct set *set = desc->set;
+    const struct prepared_scene *set = desc->set;
     const struct lamps_desc lamps = {
         .scene = set->scene, .rays = set->rays, .gbuffer = set->gbuffer, .seed = desc->seed
     };

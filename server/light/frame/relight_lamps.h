@@ -14,7 +14,7 @@ struct relight_lamps;
 #define RELIGHT_LAMPS_GOOD 16
 
 struct relight_lamps_desc {
-    const struct set *set; /* must outlive the part */
+    const struct prepared_scene *set; /* must outlive the part */
     uint32_t samples;      /* per shading point, after which it is complete; >= 1 */
     uint64_t seed;
     bool denoise;                  /* filter the light at shade points; an odd `samples` then counts as one more */

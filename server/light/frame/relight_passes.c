@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-bool passes_init(struct passes *s, const struct set *set, const struct kernels *kernels)
+bool passes_init(struct passes *s, const struct prepared_scene *set, const struct kernels *kernels)
 {
     *s = (struct passes){
         .set = set,
@@ -106,7 +106,7 @@ enum err passes_halves(struct passes *s, const struct environment *e, const stru
     return result;
 }
 
-uint64_t passes_work(const struct set *set, const struct picture_passes *p)
+uint64_t passes_work(const struct prepared_scene *set, const struct image_passes *p)
 {
     const uint64_t packets = set->gbuffer->packet_count, runs = p->denoiser ? 2 : 1;
     uint64_t steps = p->cached ? 0 : packets * p->direct.samples;
@@ -116,7 +116,7 @@ uint64_t passes_work(const struct set *set, const struct picture_passes *p)
     return runs * steps + (p->light[0].particles + p->light[1].particles) / PARTICLES_A_STEP;
 }
 
-void passes_half(const struct picture_passes *p, int k, struct picture_passes *out)
+void passes_half(const struct image_passes *p, int k, struct image_passes *out)
 {
     *out = *p;
     out->direct.pass = 2 * p->direct.pass + (uint64_t)k;

@@ -3,9 +3,9 @@
 #include "base/rng.h"
 #include "light/frame/beside.h"
 #include "light/frame/facts.h"
-#include "light/frame/relight_bounce.h"
+#include "light/frame/relight_indirect.h"
 
-void relight_plan(const struct set *set, const struct bounce *bounce, const struct environment *e,
+void relight_plan(const struct prepared_scene *set, const struct indirect_cache *indirect, const struct environment *e,
                   const struct relight_desc *desc, bool grown, struct plan *out)
 {
     const bool live = beside_wanted(set, desc);
@@ -30,7 +30,7 @@ void relight_plan(const struct set *set, const struct bounce *bounce, const stru
         wish.stored = true;
         plan_make(&facts, &wish, out);
     }
-    if (bounce && relight_bounce_wanted(set, desc))
+    if (indirect && relight_indirect_wanted(set, desc))
         out->indirect = PLAN_CACHE;
 }
 
@@ -53,7 +53,7 @@ uint32_t relight_plan_later(const struct relight_desc *desc, const struct plan *
 }
 
 /* Live images do not wait for stored paths; they have histories instead (beside.h). */
-uint32_t relight_plan_behind(const struct set *set, const struct relight_desc *desc, const struct plan *p)
+uint32_t relight_plan_behind(const struct prepared_scene *set, const struct relight_desc *desc, const struct plan *p)
 {
     const bool stored = relight_is_cached(desc) && desc->caustics == PLAN_AUTO && p->caustics == PLAN_STORED;
 
@@ -62,20 +62,21 @@ uint32_t relight_plan_behind(const struct set *set, const struct relight_desc *d
     return desc->classes & (PATH_CAUSTICS | (p->behind_indirect ? PATH_INDIRECT_CAUSTIC : 0));
 }
 
-/* Packets whose interreflection the cache leaves to eye paths. */
-static const struct packet_list *left_by_cache(const struct bounce *bounce, const struct plan *p)
+/* Packets whose indirect light the cache leaves to eye paths. */
+static const struct packet_list *left_by_cache(const struct indirect_cache *indirect, const struct plan *p)
 {
-    const struct packet_list *left = p->indirect == PLAN_CACHE && bounce ? bounce_left(bounce) : NULL;
+    const struct packet_list *left = p->indirect == PLAN_CACHE && indirect ? indirect_left(indirect) : NULL;
 
     return left && left->count > 0 ? left : NULL;
 }
 
-static void add_eye_paths(const struct set *set, const struct bounce *bounce, struct scratch *scratch,
-                          const struct relight_desc *desc, const struct plan *p, struct picture_passes *out)
+static void add_eye_paths(const struct prepared_scene *set, const struct indirect_cache *indirect,
+                          struct scratch *scratch, const struct relight_desc *desc, const struct plan *p,
+                          struct image_passes *out)
 {
     const uint32_t lit = p->indirect == PLAN_CACHE ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT;
     const uint32_t behind = (p->behind_caustics ? PATH_CAUSTICS : 0) | (p->behind_indirect ? lit : 0);
-    const struct packet_list *left = left_by_cache(bounce, p);
+    const struct packet_list *left = left_by_cache(indirect, p);
     struct eye_paths_desc eye = {
         .classes = desc->classes & relight_plan_classes(p, PLAN_EYE),
         .behind_classes = desc->classes & behind,
@@ -100,7 +101,7 @@ static void add_eye_paths(const struct set *set, const struct bounce *bounce, st
 }
 
 /* Particles aimed at the casters, and particles for the whole scene: each run has the plan's number. */
-static void add_light_tracer(const struct relight_desc *desc, const struct plan *p, struct picture_passes *out)
+static void add_light_tracer(const struct relight_desc *desc, const struct plan *p, struct image_passes *out)
 {
     const uint32_t all = desc->classes & relight_plan_classes(p, PLAN_LIGHT);
     const uint32_t runs[2] = { all & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC), all & PATH_INDIRECT_LIT };
@@ -116,16 +117,17 @@ static void add_light_tracer(const struct relight_desc *desc, const struct plan 
         };
 }
 
-void relight_plan_passes(const struct set *set, const struct bounce *bounce, struct scratch *scratch,
-                         const struct relight_desc *desc, const struct plan *p, struct picture_passes *out)
+void relight_plan_passes(const struct prepared_scene *set, const struct indirect_cache *indirect,
+                         struct scratch *scratch, const struct relight_desc *desc, const struct plan *p,
+                         struct image_passes *out)
 {
-    *out = (struct picture_passes){ .background = desc->classes & PATH_BACKGROUND || desc->classes == 0 };
+    *out = (struct image_passes){ .background = desc->classes & PATH_BACKGROUND || desc->classes == 0 };
     if (relight_is_cached(desc))
         out->cached = desc;
     else if (desc->classes & PATH_DIRECT || desc->classes == 0)
         out->direct = desc->direct;
     if (relight_plan_classes(p, PLAN_STORED))
         out->stored = desc;
-    add_eye_paths(set, bounce, scratch, desc, p, out);
+    add_eye_paths(set, indirect, scratch, desc, p, out);
     add_light_tracer(desc, p, out);
 }

@@ -10,17 +10,17 @@ struct light_team;
 struct stated;
 
 struct relighter {
-    const struct set *set;
+    const struct prepared_scene *set;
     const struct kernels *kernels;
     struct passes passes;
     struct relight_cache cache;
     struct relight_caustics caustics;
-    struct denoiser *denoiser; /* this and the next two: NULL until a picture needs them */
-    struct history *history;
+    struct denoiser *denoiser; /* this and the next two: NULL until an image needs them */
+    struct accumulation *accumulation;
     struct beside *beside;
-    struct stated *stated;         /* NULL until a picture states its error */
-    uint64_t sky;                  /* the last live picture's: a digest */
-    const float *points;           /* the picture's shade points */
+    struct stated *stated;         /* NULL until an image states its error */
+    uint64_t sky;                  /* the last live image's: a digest */
+    const float *points;           /* the image's shade points */
     const struct light_team *team; /* NULL: this process lights the points alone */
     bool half;                     /* round them to half floats */
     uint32_t *packets;             /* [packet_count]: packet numbers, for lists of a part; NULL until a part is run */

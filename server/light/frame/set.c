@@ -12,7 +12,7 @@
 #include <stdio.h>
 #include <string.h>
 
-static enum err load_scene(struct set *s, const struct set_desc *desc, struct reason *why)
+static enum err load_scene(struct prepared_scene *s, const struct prepared_scene_desc *desc, struct reason *why)
 {
     struct progress line;
     enum err e = ERR_OK;
@@ -36,7 +36,7 @@ static enum err load_scene(struct set *s, const struct set_desc *desc, struct re
     return e;
 }
 
-static enum err build_bvh(struct set *s, const struct set_desc *desc, struct reason *why)
+static enum err build_bvh(struct prepared_scene *s, const struct prepared_scene_desc *desc, struct reason *why)
 {
     struct progress line;
 
@@ -48,7 +48,8 @@ static enum err build_bvh(struct set *s, const struct set_desc *desc, struct rea
     return s->rays ? ERR_OK : err_say(why, ERR_NOMEM, "%s: the ray structure could not be built", s->name);
 }
 
-static enum err choose_camera(const struct set *s, const struct set_desc *desc, struct camera *out, struct reason *why)
+static enum err choose_camera(const struct prepared_scene *s, const struct prepared_scene_desc *desc,
+                              struct camera *out, struct reason *why)
 {
     if (desc->camera && free_view_is(desc->camera)) {
         const enum err e = free_view_read(desc->camera, out, why);
@@ -73,7 +74,8 @@ static bool has_glass(const struct scene *s)
     return false;
 }
 
-static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct progress *line, struct reason *why)
+static enum err build_gbuffer(struct prepared_scene *s, const struct prepared_scene_desc *desc, struct progress *line,
+                              struct reason *why)
 {
     struct camera camera;
     enum err e = choose_camera(s, desc, &camera, why);
@@ -104,7 +106,7 @@ static enum err build_gbuffer(struct set *s, const struct set_desc *desc, struct
     return e;
 }
 
-static enum err build_view(struct set *s, const struct set_desc *desc, struct reason *why)
+static enum err build_view(struct prepared_scene *s, const struct prepared_scene_desc *desc, struct reason *why)
 {
     struct progress line;
 
@@ -114,10 +116,10 @@ static enum err build_view(struct set *s, const struct set_desc *desc, struct re
     return e;
 }
 
-enum err set_create(const struct set_desc *desc, struct set **out, struct reason *why)
+enum err set_create(const struct prepared_scene_desc *desc, struct prepared_scene **out, struct reason *why)
 {
     *out = NULL;
-    struct set *s = mem_alloc(1, sizeof(*s));
+    struct prepared_scene *s = mem_alloc(1, sizeof(*s));
     if (!s)
         return err_say(why, ERR_NOMEM, "out of memory");
     enum err e = load_scene(s, desc, why);
@@ -133,11 +135,11 @@ enum err set_create(const struct set_desc *desc, struct set **out, struct reason
     return ERR_OK;
 }
 
-enum err set_create_complete(const struct set *of, const struct set_desc *desc, struct progress *line, struct set **out,
-                             struct reason *why)
+enum err set_create_complete(const struct prepared_scene *of, const struct prepared_scene_desc *desc,
+                             struct progress *line, struct prepared_scene **out, struct reason *why)
 {
     *out = NULL;
-    struct set *s = mem_alloc(1, sizeof(*s));
+    struct prepared_scene *s = mem_alloc(1, sizeof(*s));
     if (!s)
         return err_say(why, ERR_NOMEM, "out of memory");
     memcpy(s->name, of->name, sizeof(s->name));
@@ -156,22 +158,22 @@ enum err set_create_complete(const struct set *of, const struct set_desc *desc, 
     return ERR_OK;
 }
 
-enum err set_create_view(const struct set *of, const struct set_desc *desc, struct progress *line, struct set **out,
-                         struct reason *why)
+enum err set_create_view(const struct prepared_scene *of, const struct prepared_scene_desc *desc, struct progress *line,
+                         struct prepared_scene **out, struct reason *why)
 {
-    struct set_desc own = *desc;
+    struct prepared_scene_desc own = *desc;
 
     own.change = (struct view_change){ .has_position = false };
     return set_create_complete(of, &own, line, out, why);
 }
 
-void set_hand_over(struct set *from, struct set *to)
+void set_hand_over(struct prepared_scene *from, struct prepared_scene *to)
 {
     from->borrowed = true;
     to->borrowed = false;
 }
 
-void set_destroy(struct set *s)
+void set_destroy(struct prepared_scene *s)
 {
     if (!s)
         return;

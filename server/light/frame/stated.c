@@ -7,14 +7,14 @@
 #include "light/audit/purse.h"
 #include "light/audit/trace.h"
 #include "light/denoise/denoise.h"
-#include "light/denoise/history.h"
+#include "light/denoise/accumulation.h"
 #include "light/frame/facts.h"
 #include "light/frame/relight_plan.h"
 #include "light/frame/relighter.h"
 #include "light/resolve/backplate.h"
 #include "light/resolve/resolve.h"
 
-#define UNEVEN 64.0         /* of audit_desc. A quarter of a cached picture's error may lie in one pixel: */
+#define UNEVEN 64.0         /* of audit_desc. A quarter of a cached image's error may lie in one pixel: */
 #define UNEVEN_CACHED 300.0 /* so much is allowed for, and no estimate stated; */
 #define HIDDEN_CACHED 1.0   /* often only half of it is found */
 
@@ -22,7 +22,7 @@ struct stated {
     struct audit *audit;
     struct audit_numbers *numbers;
     uint8_t *mask;  /* [pixels] */
-    float *half[2]; /* [height][width][3]; NULL until a picture has halves */
+    float *half[2]; /* [height][width][3]; NULL until an image has halves */
     struct purse purse;
 };
 
@@ -62,8 +62,8 @@ static bool by_particles(const struct plan *p)
            p->indirect_caustics == PLAN_STORED;
 }
 
-/* What is traced again, and how: paths from the picture's points or, on a ground or where other processes have those,
- * through its pixels, which bounds the error: in addition to the picture's it has that of few points in a pixel. False:
+/* What is traced again, and how: paths from the image's points or, on a ground or where other processes have those,
+ * through its pixels, which bounds the error: in addition to the image's it has that of few points in a pixel. False:
  * it cannot be audited. bare: working memory. */
 static bool find_truth(const struct relighter *r, const struct environment *e, const struct relight_desc *desc,
                        bool measured, const struct plan *plan, struct audit_world *w, double bare[3])
@@ -88,7 +88,7 @@ static bool find_truth(const struct relighter *r, const struct environment *e, c
     return true;
 }
 
-/* A number of the way in which a picture was made. */
+/* A number of the way in which an image was made. */
 static uint64_t way_of(const struct relight_desc *desc, const struct plan *p, bool settled)
 {
     const uint64_t parts[] = { desc->direct.method, desc->direct.samples, desc->classes, desc->denoise, settled,
@@ -161,7 +161,7 @@ static void audit_it(struct relighter *r, const struct environment *e, const str
         environment_complete(e);
         resolve_halves(s, r->set->gbuffer, world.background ? e : NULL, half, audit.half);
     }
-    audit_picture(s->audit, &audit, rgb, &found);
+    audit_image(s->audit, &audit, rgb, &found);
     stats->error = found.states;
     stats->error_at_most = found.at_most;
     stats->audited.pixels = found.pixels;
@@ -180,7 +180,7 @@ void relighter_state_error(struct relighter *r, const struct environment *e, con
     if (!(desc->audit > 0.0) || is_cancelled(desc->direct.cancel) || !(e->total_energy > 0.0))
         return;
     for (int k = 0; k < 2 && filtered; k++)
-        half[k] = r->history ? history_half(r->history, k) : denoiser_half(r->denoiser, k);
+        half[k] = r->accumulation ? accumulation_half(r->accumulation, k) : denoiser_half(r->denoiser, k);
     if (!r->stated)
         r->stated = create(r->set->gbuffer);
     if (!r->stated)

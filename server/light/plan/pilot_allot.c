@@ -12,7 +12,7 @@
 #define ROUNDS 20 /* of bringing a mean within limits; six are enough for 1e-6 */
 #define GOLDEN 0.6180339887498949
 
-/* The weight of a packet in the picture: each of a pixel's k points has a k-th of its error if their noise is equal. */
+/* The weight of a packet in the image: each of a pixel's k points has a k-th of its error if their noise is equal. */
 static void guess(struct allotment *a)
 {
     const struct gbuffer *g = a->gbuffer;

@@ -1,9 +1,9 @@
 /* Distributes samples over packets: more where more error remains.
  *
- * The picture's error is a sum over packets, E = sum h_i / n_i. h_i is the error of one sample per point in the pixels
+ * The image's error is a sum over packets, E = sum h_i / n_i. h_i is the error of one sample per point in the pixels
  * of packet i, relative as relMSE is: large in dark regions, penumbrae and highlights; small where a pixel has many
  * shade points. For a given sum of the n_i, E is minimal with n_i in proportion to sqrt(h_i) [Cochran 1977, section
- * 5.5]. h_i is measured from pairs of estimates with separate random numbers, never the picture's: a packet's count
+ * 5.5]. h_i is measured from pairs of estimates with separate random numbers, never the image's: a packet's count
  * must not depend on its own samples [Kirk and Arvo 1991].
  *
  * Counts are integers, or even integers. A threshold that belongs to the packet rounds its real count up or down, so

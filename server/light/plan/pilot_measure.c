@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Pixels per side. Packets hold points from a neighbourhood of 16 x 16 (gbuffer_pack.c): if the picture is large enough
+/* Pixels per side. Packets hold points from a neighbourhood of 16 x 16 (gbuffer_pack.c): if the image is large enough
  * for groups of many such tiles, no packet is in two groups. */
 #define TILE 16u
 #define TILE_SMALL 8u
@@ -30,7 +30,7 @@ static void cut(struct tiles *t, const struct gbuffer *g, uint32_t side)
     t->count = t->across * ((g->height + side - 1) / side);
 }
 
-/* Assigns the tiles with shade points by a sequence that spreads each group over the picture. */
+/* Assigns the tiles with shade points by a sequence that spreads each group over the image. */
 static void deal(const struct tiles *t, const struct gbuffer *g, uint32_t groups)
 {
     uint32_t rank = 0;
@@ -216,7 +216,7 @@ static void add_points(const struct gbuffer *g, uint32_t pixel, const float *a, 
     }
 }
 
-/* The mean of pair_of_points; without g that of pair_of_pictures. */
+/* The mean of pair_of_points; without g that of pair_of_images. */
 static double pair_of_group(const struct gbuffer *g, const struct group *group, const float *a, const float *b,
                             const struct yardstick *y, float (*error)[PACKET])
 {
@@ -244,7 +244,7 @@ double pair_of_points(const struct groups *s, const struct group *group, const f
     return pair_of_group(s->gbuffer, group, a, b, y, error);
 }
 
-double pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y)
+double pair_of_images(const struct group *group, const float *a, const float *b, const struct yardstick *y)
 {
     return pair_of_group(NULL, group, a, b, y, NULL);
 }

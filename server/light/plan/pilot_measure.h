@@ -28,30 +28,30 @@ struct groups {
     struct tiles tiles;
     struct group group[GROUPS_MAX];
     uint32_t count;
-    struct group all; /* the whole picture */
+    struct group all; /* the whole image */
 };
 
-/* Divides the picture of a G-buffer, which must outlive it. False when out of memory; call groups_finish even then. */
+/* Divides the image of a G-buffer, which must outlive it. False when out of memory; call groups_finish even then. */
 bool groups_init(struct groups *s, const struct gbuffer *g);
 void groups_finish(struct groups *s); /* zeroed memory is allowed */
 
-/* The picture r that errors are relative to, as in relMSE: they are divided by r^2 + 1e-2 mean(r)^2. In a noisy picture
+/* The image r that errors are relative to, as in relMSE: they are divided by r^2 + 1e-2 mean(r)^2. In a noisy image
  * the mean over 3 x 3 pixels replaces r, so that an outlier is not divided by itself. All pointers are borrowed. */
 struct yardstick {
     const float *rgb;    /* float[height][width][3] */
-    const float *more;   /* likewise, added: light that the picture has few particles of; NULL: nothing */
+    const float *more;   /* likewise, added: light that the image has few particles of; NULL: nothing */
     const uint8_t *mask; /* [height][width]: 0 where there is no shade point */
     uint32_t width, height;
     bool noisy;
     double soft; /* 1e-2 mean(r)^2 */
 };
 
-/* From a picture float[height][width][3] and its mask, both borrowed. */
+/* From an image float[height][width][3] and its mask, both borrowed. */
 void yardstick_init(struct yardstick *y, const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height);
 
-/* Writes the mean of two sparse pictures around each pixel to out, minus the pixel's own mean, which the picture
+/* Writes the mean of two sparse images around each pixel to out, minus the pixel's own mean, which the image
  * contains. The mean is over 11 x 11 pixels without the three columns and rows at the pixel, so that the 3 x 3 means
- * of a noisy picture do not contain it either: a particle where few others are would be divided by itself and seem
+ * of a noisy image do not contain it either: a particle where few others are would be divided by itself and seem
  * almost free of noise. All are float[height][width][3], including spare, which is scratch memory. */
 void yardstick_spread(const float *a, const float *b, uint32_t width, uint32_t height, float *spare, float *out);
 
@@ -62,5 +62,5 @@ void yardstick_spread(const float *a, const float *b, uint32_t width, uint32_t h
 double pair_of_points(const struct groups *s, const struct group *group, const float *a, const float *b,
                       const struct yardstick *y, float (*error)[PACKET]);
 
-/* Compares two pictures of a part, float[height][width][3], likewise. */
-double pair_of_pictures(const struct group *group, const float *a, const float *b, const struct yardstick *y);
+/* Compares two images of a part, float[height][width][3], likewise. */
+double pair_of_images(const struct group *group, const float *a, const float *b, const struct yardstick *y);

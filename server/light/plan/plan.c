@@ -30,11 +30,11 @@ static void choose_indirect(const struct plan_facts *f, const struct plan_wish *
 {
     p->indirect = PLAN_NONE;
     if (!w->indirect) {
-        leave_out(p, "interreflection: not requested");
+        leave_out(p, "indirect light: not requested");
     } else if (w->indirect_by == PLAN_NONE) {
-        leave_out(p, "interreflection: switched off");
+        leave_out(p, "indirect light: switched off");
     } else if (w->indirect_by == PLAN_AUTO && f->albedo < ALBEDO_LEAST) {
-        leave_out(p, "interreflection: the surfaces are too dark for it to be seen");
+        leave_out(p, "indirect light: the surfaces are too dark for it to be seen");
     } else {
         p->indirect = w->indirect_by == PLAN_AUTO ? PLAN_EYE : w->indirect_by;
         p->behind_indirect = f->behind > 0;

@@ -13,9 +13,9 @@ enum plan_estimator {
     PLAN_NONE,   /* omitted */
     PLAN_LIGHT,  /* the light tracer; eye paths at points behind mirrors and glass, which it cannot reach */
     PLAN_EYE,    /* eye paths */
-    PLAN_STORED, /* caustics and their interreflection: stored light paths, and the light tracer for the sun. Not
-                    allowed in a request for interreflection */
-    PLAN_CACHE,  /* interreflection: the cache. Neither in a request nor from plan_make: a relighter with this cache
+    PLAN_STORED, /* caustics and their indirect light: stored light paths, and the light tracer for the sun. Not
+                    allowed in a request for indirect light */
+    PLAN_CACHE,  /* indirect light: the cache. Neither in a request nor from plan_make: a relighter with this cache
                     replaces PLAN_EYE */
 };
 
@@ -25,7 +25,7 @@ enum plan_estimator {
  * shadows is far above: docs/internals/mathematics.md has the figures of more skies. */
 #define PLAN_PEAKED 5.0
 
-/* Facts about scene, picture and sky. */
+/* Facts about scene, image and sky. */
 struct plan_facts {
     uint64_t casters; /* meshes with a delta lobe */
     uint64_t points;  /* shade points */
@@ -48,7 +48,7 @@ struct plan_wish {
 
 struct plan {
     enum plan_estimator caustics, indirect;  /* at directly visible points */
-    enum plan_estimator indirect_caustics;   /* interreflection of caustics */
+    enum plan_estimator indirect_caustics;   /* indirect light of caustics */
     bool behind_caustics, behind_indirect;   /* at the other points, by eye paths */
     uint64_t particles;                      /* 0: no light tracer */
     uint32_t eye_paths;                      /* per shade point; 0: no eye paths */

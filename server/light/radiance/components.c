@@ -95,7 +95,7 @@ void components_destroy(struct components *c)
     mem_free(c);
 }
 
-enum err components_picture(struct components *c, const float (*radiance)[3], float *rgb, struct reason *why)
+enum err components_image(struct components *c, const float (*radiance)[3], float *rgb, struct reason *why)
 {
     struct relight_stats stats;
 
@@ -128,7 +128,7 @@ static enum err write_one(const struct components_desc *d, struct components *c,
 
     for (int k = 0; k < 3; k++)
         radiance[patch][k] = 1.0f;
-    enum err e = components_picture(c, (const float(*)[3])radiance, rgb, why);
+    enum err e = components_image(c, (const float(*)[3])radiance, rgb, why);
     for (int k = 0; k < 3; k++)
         radiance[patch][k] = 0.0f;
     if (!e)

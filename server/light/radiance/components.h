@@ -17,7 +17,7 @@
 struct components_desc { /* all but `out` and mf is borrowed */
     struct file_pattern out;
     uint32_t mf; /* 1, 2 or 4 */
-    const struct set *set;
+    const struct prepared_scene *set;
     const struct kernels *kernels;
     const struct relight_desc *light;
     const struct environment_desc *environment; /* rotation turns the patches as it turns a sky; scale must be 0 */
@@ -35,7 +35,7 @@ MUST_CHECK enum err components_create(const struct components_desc *desc, struct
 void components_destroy(struct components *c); /* NULL is allowed */
 
 /* The image, float[height][width][3], under the sky with these radiances, float[reinhart_count][3]. */
-MUST_CHECK enum err components_picture(struct components *c, const float (*radiance)[3], float *rgb,
+MUST_CHECK enum err components_image(struct components *c, const float (*radiance)[3], float *rgb,
                                        struct reason *why);
 
 /* One Radiance image a patch, with the patch's number in its name. */

@@ -205,7 +205,7 @@ static void add(const uint16_t *restrict half, float weight, size_t count, float
         sum[i] += weight * half_widen(half[i]);
 }
 
-void parts_picture(const struct parts *p, const float (*radiance)[3], float *rgb)
+void parts_image(const struct parts *p, const float (*radiance)[3], float *rgb)
 {
     const size_t pixels = pixels_of(p);
 
@@ -226,7 +226,8 @@ void parts_picture(const struct parts *p, const float (*radiance)[3], float *rgb
     }
 }
 
-static enum err light(void *self, const struct set *set, const struct environment *e, float *rgb, struct reason *why)
+static enum err light(void *self, const struct prepared_scene *set, const struct environment *e, float *rgb,
+                      struct reason *why)
 {
     struct parts *p = self;
 
@@ -237,7 +238,7 @@ static enum err light(void *self, const struct set *set, const struct environmen
                        "the components show one view; another camera needs components of its own, or another method");
     const enum err failed = sky_patches(e, p->mf, p->radiance);
     if (!failed)
-        parts_picture(p, (const float(*)[3])p->radiance, rgb);
+        parts_image(p, (const float(*)[3])p->radiance, rgb);
     return failed;
 }
 

@@ -35,4 +35,4 @@ struct relight_whole parts_whole(struct parts *p);
 uint64_t parts_bytes(const struct parts *p); /* memory of the texels */
 
 /* The image under a sky: rgb float[height][width][3], radiance float[patches][3]. */
-void parts_picture(const struct parts *p, const float (*radiance)[3], float *rgb);
+void parts_image(const struct parts *p, const float (*radiance)[3], float *rgb);

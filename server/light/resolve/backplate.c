@@ -223,14 +223,14 @@ static void keep_pixel(const struct backplate *b, const struct environment *e, c
         for (int c = 0; c < 3; c++)
             behind[c] += entry->weight[c] * shown[c * PACKET];
     }
-    for (uint32_t k = g->escape_first[pixel]; k < g->escape_first[pixel + 1]; k++) {
-        const struct gbuffer_escape *escape = &g->escapes[k];
-        if (vec3_length(vec3_sub(escape->direction, ahead)) > g->pixel_angle)
+    for (uint32_t k = g->miss_first[pixel]; k < g->miss_first[pixel + 1]; k++) {
+        const struct gbuffer_miss *miss = &g->misses[k];
+        if (vec3_length(vec3_sub(miss->direction, ahead)) > g->pixel_angle)
             continue; /* in a mirror, or bent by glass: the model's own */
-        environment_lookup_wide(e, escape->direction, escape->width, seen);
+        environment_lookup_wide(e, miss->direction, miss->width, seen);
         for (int c = 0; c < 3; c++) {
-            through[c] += escape->weight[c];
-            behind[c] += b->sky ? escape->weight[c] * seen[c] : 0.0f;
+            through[c] += miss->weight[c];
+            behind[c] += b->sky ? miss->weight[c] * seen[c] : 0.0f;
         }
     }
 }

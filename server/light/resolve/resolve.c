@@ -19,7 +19,7 @@
 
 struct mixed {
     uint32_t pixel : 31;  /* at most 2^28 */
-    uint32_t escapes : 1; /* it has some */
+    uint32_t misses : 1; /* it has some */
     uint32_t first;       /* its entries, up to those of the next one */
 };
 
@@ -39,19 +39,19 @@ struct resolver {
 struct sight {
     const struct environment *e;       /* NULL: nothing */
     const struct lookup_place *places; /* NULL: none are known */
-    struct lookup_image picture;
+    struct lookup_image image;
 };
 
-static inline void see(const struct sight *s, const struct gbuffer_escape *escape, uint32_t k, float rgb[3])
+static inline void see(const struct sight *s, const struct gbuffer_miss *miss, uint32_t k, float rgb[3])
 {
     float seen[3];
 
     if (s->places && s->places[k].texel != LOOKUP_NONE)
-        lookup_at(&s->picture, &s->places[k], seen);
+        lookup_at(&s->image, &s->places[k], seen);
     else
-        environment_lookup_wide(s->e, escape->direction, escape->width, seen);
+        environment_lookup_wide(s->e, miss->direction, miss->width, seen);
     for (int c = 0; c < 3; c++)
-        rgb[c] += escape->weight[c] * seen[c];
+        rgb[c] += miss->weight[c] * seen[c];
 }
 
 static inline const float *point_at(const float *lo, uint32_t point)
@@ -67,10 +67,10 @@ static inline void add_entry(const float *lo, const struct gbuffer_entry *entry,
         sum[c] += entry->weight[c] * point[c * PACKET];
 }
 
-static inline void add_escapes(const struct gbuffer *g, const struct sight *s, size_t pixel, float sum[3])
+static inline void add_misses(const struct gbuffer *g, const struct sight *s, size_t pixel, float sum[3])
 {
-    for (uint32_t k = g->escape_first[pixel]; s->e && k < g->escape_first[pixel + 1]; k++)
-        see(s, &g->escapes[k], k, sum);
+    for (uint32_t k = g->miss_first[pixel]; s->e && k < g->miss_first[pixel + 1]; k++)
+        see(s, &g->misses[k], k, sum);
 }
 
 static inline void resolve_pixel(const struct gbuffer *g, const float *lo, const struct sight *s, size_t pixel,
@@ -80,7 +80,7 @@ static inline void resolve_pixel(const struct gbuffer *g, const float *lo, const
 
     for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1]; k++)
         add_entry(lo, &g->entries[k], sum);
-    add_escapes(g, s, pixel, sum);
+    add_misses(g, s, pixel, sum);
     memcpy(rgb, sum, sizeof(sum));
 }
 
@@ -126,7 +126,7 @@ void resolver_destroy(struct resolver *r)
 
 static void find_places(struct resolver *r, const struct environment *e)
 {
-    const uint32_t count = r->g->escape_first[(size_t)r->g->width * r->g->height];
+    const uint32_t count = r->g->miss_first[(size_t)r->g->width * r->g->height];
     const struct lookup_key key = lookup_key_of(e);
 
     if (r->places && lookup_key_equal(&key, &r->key))
@@ -140,7 +140,7 @@ static void find_places(struct resolver *r, const struct environment *e)
     bool wide = false;
 #pragma omp parallel for schedule(dynamic, 256) reduction(|| : wide)
     for (uint32_t k = 0; k < count; k++) {
-        r->places[k] = lookup_place_find(e, r->g->escapes[k].direction, r->g->escapes[k].width);
+        r->places[k] = lookup_place_find(e, r->g->misses[k].direction, r->g->misses[k].width);
         wide = wide || r->places[k].texel == LOOKUP_NONE;
     }
     r->wide = wide;
@@ -154,14 +154,14 @@ static bool is_one(const float weight[3])
 static uint32_t plain_of(const struct resolver *r, size_t pixel)
 {
     const struct gbuffer *g = r->g;
-    const uint32_t entry = g->entry_first[pixel], escape = g->escape_first[pixel];
-    const uint32_t entries = g->entry_first[pixel + 1] - entry, escapes = g->escape_first[pixel + 1] - escape;
+    const uint32_t entry = g->entry_first[pixel], miss = g->miss_first[pixel];
+    const uint32_t entries = g->entry_first[pixel + 1] - entry, misses = g->miss_first[pixel + 1] - miss;
 
-    if (entries == 1 && escapes == 0 && is_one(g->entries[entry].weight) && g->entries[entry].point < PLAIN_SKY)
+    if (entries == 1 && misses == 0 && is_one(g->entries[entry].weight) && g->entries[entry].point < PLAIN_SKY)
         return g->entries[entry].point;
-    if (entries == 0 && escapes == 1 && is_one(g->escapes[escape].weight) && r->places &&
-        r->places[escape].texel != LOOKUP_NONE && escape < MIXED - PLAIN_SKY)
-        return PLAIN_SKY + escape;
+    if (entries == 0 && misses == 1 && is_one(g->misses[miss].weight) && r->places &&
+        r->places[miss].texel != LOOKUP_NONE && miss < MIXED - PLAIN_SKY)
+        return PLAIN_SKY + miss;
     return MIXED;
 }
 
@@ -180,8 +180,8 @@ static void gather_mixed(struct resolver *r, uint32_t *pixels, uint32_t *entries
             continue;
         const uint32_t first = g->entry_first[pixel], count = g->entry_first[pixel + 1] - first;
         if (r->mixed) {
-            const bool escapes = g->escape_first[pixel + 1] > g->escape_first[pixel];
-            r->mixed[*pixels] = (struct mixed){ (uint32_t)pixel & INT32_MAX, escapes, *entries };
+            const bool misses = g->miss_first[pixel + 1] > g->miss_first[pixel];
+            r->mixed[*pixels] = (struct mixed){ (uint32_t)pixel & INT32_MAX, misses, *entries };
             memcpy(r->entries + *entries, g->entries + first, count * sizeof(*r->entries));
         }
         *pixels += 1;
@@ -228,7 +228,7 @@ static void resolve_plain(const struct resolver *r, const float *lo, const struc
             for (int c = 0; c < 3; c++)
                 to[c] = point[c * PACKET];
         } else if (what != MIXED && s->e) {
-            lookup_at(&s->picture, &s->places[what - PLAIN_SKY], to);
+            lookup_at(&s->image, &s->places[what - PLAIN_SKY], to);
         } else if (what != MIXED) {
             to[0] = to[1] = to[2] = 0.0f;
         }
@@ -248,8 +248,8 @@ static void resolve_mixed(const struct resolver *r, const float *lo, const struc
             __builtin_prefetch(next + c * PACKET);
         add_entry(lo, &r->entries[i], sum);
     }
-    if (m->escapes)
-        add_escapes(r->g, s, m->pixel, sum);
+    if (m->misses)
+        add_misses(r->g, s, m->pixel, sum);
     memcpy(rgb + 3 * (size_t)m->pixel, sum, sizeof(sum));
 }
 
@@ -262,7 +262,7 @@ void resolver_pixels(struct resolver *r, const float *lo, const struct environme
         if (!r->places || r->wide)
             environment_complete_pyramid(e);
         s.places = r->places;
-        s.picture = lookup_image_of(e);
+        s.image = lookup_image_of(e);
     }
     find_plain(r);
     if (!r->plain) {

@@ -1,4 +1,4 @@
-#include "measure/bench/bench_parts.h"
+#include "measure/bench/bench_internal.h"
 
 #include <errno.h>
 #include <stdatomic.h>

@@ -1,4 +1,4 @@
-#include "measure/bench/bench_parts.h"
+#include "measure/bench/bench_internal.h"
 
 #include "base/clock.h"
 #include "base/mem.h"
@@ -156,11 +156,11 @@ enum err bench_threads(const struct bench *b, int count, enum err (*work)(void *
     return e;
 }
 
-enum err picture_maker_init(struct picture_maker *m, struct bench *b, const struct set *set)
+enum err image_maker_init(struct image_maker *m, struct bench *b, const struct prepared_scene *set)
 {
     const size_t values = 3 * (size_t)set->gbuffer->width * set->gbuffer->height;
 
-    *m = (struct picture_maker){
+    *m = (struct image_maker){
         .bench = b,
         .relighter = relighter_create(set, b->kernels),
         .light = &b->light,
@@ -175,16 +175,16 @@ enum err picture_maker_init(struct picture_maker *m, struct bench *b, const stru
     return m->relighter && m->jpeg && m->rgb && m->display ? ERR_OK : ERR_NOMEM;
 }
 
-void picture_maker_finish(struct picture_maker *m)
+void image_maker_finish(struct image_maker *m)
 {
     relighter_destroy(m->relighter);
     jpeg_encoder_destroy(m->jpeg);
     mem_free(m->rgb);
     mem_free(m->display);
-    *m = (struct picture_maker){ 0 };
+    *m = (struct image_maker){ 0 };
 }
 
-enum err picture_maker_light(struct picture_maker *m)
+enum err image_maker_light(struct image_maker *m)
 {
     struct relight_stats stats = { 0 };
     const enum err e = relighter_run(m->relighter, m->bench->sky->environment, m->light, m->rgb, &stats);
@@ -193,7 +193,7 @@ enum err picture_maker_light(struct picture_maker *m)
     return e;
 }
 
-enum err picture_maker_encode(struct picture_maker *m)
+enum err image_maker_encode(struct image_maker *m)
 {
     const struct tone_desc tone = { .gain = exposure_step(&m->exposure, m->rgb, m->width, m->height, 1),
                                     .level = m->level };
@@ -220,10 +220,10 @@ void bench_first_sky(struct bench *b)
 void bench_count(struct bench *b, const struct relight_stats *stats)
 {
     const struct transport_frame_stats *f = &stats->cache_frame;
-    const double all = (f->bright > 0 ? 2.0 : 1.0) * stats->cache.packets;
+    const double all = (f->sun > 0 ? 2.0 : 1.0) * stats->cache.packets;
 
     if (all > 0.0) /* lit by the cache */
-        b->computed = fmin(b->computed, (f->lit + (f->bright > 0 ? f->shone : 0.0)) / all);
+        b->computed = fmin(b->computed, (f->lit + (f->sun > 0 ? f->shone : 0.0)) / all);
 }
 
 void bench_make_lean(struct bench *b, bool lean)
@@ -327,18 +327,18 @@ enum err bench_take_skies(struct bench *b, const char *source, struct reason *wh
     return e;
 }
 
-/* Pictures, for the rows of the film. */
-static enum err make_pictures(struct bench *b, struct reason *why)
+/* Images, for the rows of the film. */
+static enum err make_images(struct bench *b, struct reason *why)
 {
     const uint32_t width = b->desc->width, height = b->desc->height;
-    struct picture_maker m;
-    enum err e = picture_maker_init(&m, b, b->set);
+    struct image_maker m;
+    enum err e = image_maker_init(&m, b, b->set);
 
     for (int k = 0; k < BENCH_SKIES && !e; k++, bench_next_sky(b)) {
         struct bench_sky *s = b->sky;
         s->rgb = mem_alloc((size_t)width * height, 3 * sizeof(float));
         s->display = mem_alloc((size_t)width * height, 3);
-        e = s->rgb && s->display ? picture_maker_light(&m) : ERR_NOMEM;
+        e = s->rgb && s->display ? image_maker_light(&m) : ERR_NOMEM;
         if (e)
             break;
         memcpy(s->rgb, m.rgb, 3 * sizeof(float) * width * height);
@@ -346,14 +346,14 @@ static enum err make_pictures(struct bench *b, struct reason *why)
         tone_map(s->rgb, width, height, &(struct tone_desc){ .gain = (double)s->gain, .level = b->kernels->level },
                  s->display);
     }
-    picture_maker_finish(&m);
+    image_maker_finish(&m);
     return e ? err_say(why, e, "no image could be made: %s", err_text(e)) : ERR_OK;
 }
 
 enum err bench_begin(struct bench *b, struct reason *why)
 {
     const struct bench_desc *d = b->desc;
-    struct set_desc set = {
+    struct prepared_scene_desc set = {
         .scene = d->scene, .reading = d->reading, .width = d->width, .height = d->height, .progress = d->progress
     };
 
@@ -415,7 +415,7 @@ enum err bench_run(const struct bench_desc *desc, struct bench_report *out, stru
     if (!e)
         e = bench_take_skies(&b, desc->source, why);
     if (!e)
-        e = make_pictures(&b, why);
+        e = make_images(&b, why);
     if (!e)
         write_title(&b, out);
     for (size_t i = 0; i < ROWS && !e; i++) {

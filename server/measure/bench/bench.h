@@ -21,7 +21,7 @@ struct bench_desc {
     const char *source;           /* of the eight skies that repeated work takes in turns */
     const char *scenes, *sources; /* of bench_speed: lists as relight-chart's (measure/chart/chart.h) */
     const char *cpu;              /* level of the kernels; NULL: the best */
-    uint32_t width, height;       /* of the pictures, pixels */
+    uint32_t width, height;       /* of the images, pixels */
     enum method method;
     uint32_t samples;   /* N_s per shade point */
     uint32_t particles; /* of the light tracer */
@@ -59,7 +59,7 @@ struct bench_report {
  * ERR_NOMEM. */
 MUST_CHECK enum err bench_run(const struct bench_desc *desc, struct bench_report *out, struct reason *why);
 
-/* What a picture by the cache of light transport costs, of each scene under each source, at desc's size and at twice
+/* What an image by the cache of light transport costs, of each scene under each source, at desc's size and at twice
  * its width and height, by the best kernels and by those for AVX2 (or by desc->cpu alone): prints one table with the
  * targets. Errors as bench_run's. */
 MUST_CHECK enum err bench_speed(const struct bench_desc *desc, FILE *to, struct reason *why);

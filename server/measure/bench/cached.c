@@ -9,7 +9,7 @@
 
 #define TRUTH_PASSES 32 /* at most, of */
 #define TRUTH_SAMPLES 64
-#define TRUTH_SECONDS 20.0    /* for pictures of TRUTH_VALUES; larger ones in proportion, so that theirs are as good */
+#define TRUTH_SECONDS 20.0    /* for images of TRUTH_VALUES; larger ones in proportion, so that theirs are as good */
 #define TRUTH_VALUES 691200.0 /* 640 x 360 of three colours */
 
 /* ---- The cache ---- */
@@ -97,5 +97,5 @@ enum err cached_rel_mse(const struct bench *b, const struct cached *c, float *co
 
     *out = e ? 0.0 : judge_error(&j, x);
     judge_finish(&j);
-    return e == ERR_RANGE ? ERR_OK : e; /* a black picture has no error */
+    return e == ERR_RANGE ? ERR_OK : e; /* a black image has no error */
 }

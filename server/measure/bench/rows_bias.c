@@ -2,7 +2,7 @@
 #include "measure/bench/cached.h"
 
 #include "base/mem.h"
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 #include "light/resolve/resolve.h"
 #include "measure/compare/flip.h"
 #include "measure/compare/lab.h"
@@ -14,7 +14,7 @@
 
 #define KEY 0.18
 #define CLAMP_TIMES 8    /* the level falls with each clipping, and soon converges */
-#define SEAM_WIDTH 320   /* of the picture whose cache is kept without compression: four times as large is 1 GB */
+#define SEAM_WIDTH 320   /* of the image whose cache is kept without compression: four times as large is 1 GB */
 #define SEAM_CODES 1.0   /* a visible difference */
 #define STEP_DEGREES 0.1 /* a frame */
 #define STEP_FRAMES 24
@@ -22,7 +22,7 @@
 #define BINS 65536         /* of second differences */
 #define BINS_PER_CODE 4096 /* up to 16 codes, and what is above */
 
-/* ---- The sky without its bright part ---- */
+/* ---- The sky without its sun ---- */
 
 static void clamp_image(struct environment *e, float level)
 {
@@ -38,7 +38,7 @@ static void clamp_image(struct environment *e, float level)
 
 /* Clips the source's texels at the level of the split, which makes a sky like any other, for which references can be
  * computed. *out: owned by the caller, after an error too. */
-static enum err without_bright(const struct bench *b, struct environment **out)
+static enum err without_sun(const struct bench *b, struct environment **out)
 {
     struct environment *e = environment_create(&(struct environment_desc){ .n = b->skies[0].environment->n });
     struct sky_split sky = { .level = 0.0f };
@@ -48,7 +48,7 @@ static enum err without_bright(const struct bench *b, struct environment **out)
     *out = e;
     for (int k = 0; k < CLAMP_TIMES && !result; k++) {
         result = sky_split_take(&sky, e);
-        if (result || sky.bright_count == 0)
+        if (result || sky.sun_count == 0)
             break;
         clamp_image(e, sky.level);
         result = environment_rebuild(e, &why);
@@ -57,7 +57,7 @@ static enum err without_bright(const struct bench *b, struct environment **out)
     return result;
 }
 
-/* A sky of which hardly any is lit has no level: all of it is its bright part. */
+/* A sky of which hardly any is lit has no level: all of it is its sun. */
 static bool has_level(struct bench *b, struct bench_row *row, enum err *e)
 {
     struct sky_split sky = { .level = 0.0f };
@@ -73,7 +73,7 @@ static bool has_level(struct bench *b, struct bench_row *row, enum err *e)
 /* ---- Bias ---- */
 
 struct tile {
-    uint32_t width; /* of the picture */
+    uint32_t width; /* of the image */
     uint32_t left, top, right, bottom;
 };
 
@@ -135,7 +135,7 @@ static double crosswise_delta_e(const struct cached *c, const struct cached_trut
     return pixels ? roots / (double)pixels : 0.0;
 }
 
-enum err cached_bias(struct bench *b, struct cached *c, bool bright, struct bench_row *rel_mse,
+enum err cached_bias(struct bench *b, struct cached *c, bool sun, struct bench_row *rel_mse,
                      struct bench_row *delta_e)
 {
     struct environment *clamped = NULL;
@@ -146,9 +146,9 @@ enum err cached_bias(struct bench *b, struct cached *c, bool bright, struct benc
         *delta_e = *rel_mse;
         return e;
     }
-    if (bright)
-        e = without_bright(b, &clamped);
-    const struct environment *sky = bright ? clamped : b->skies[0].environment;
+    if (sun)
+        e = without_sun(b, &clamped);
+    const struct environment *sky = sun ? clamped : b->skies[0].environment;
     if (!e)
         e = cached_truth_make(c, sky, &t);
     if (!e)
@@ -176,7 +176,7 @@ static void to_codes(float *rgb, size_t values, double gain)
 /* ---- Seams ---- */
 
 struct seams {
-    struct set *set;
+    struct prepared_scene *set;
     struct transport *cache[2]; /* compressed, and not */
     float *lo, *picture[2];
     uint8_t *mask;
@@ -187,7 +187,7 @@ struct seams {
 static enum err seams_init(struct seams *s, const struct bench *b, struct bench_row *row)
 {
     const bool large = b->desc->width > SEAM_WIDTH;
-    const struct set_desc desc = {
+    const struct prepared_scene_desc desc = {
         .scene = b->desc->scene,
         .reading = b->desc->reading,
         .width = large ? SEAM_WIDTH : b->desc->width,

@@ -1,10 +1,10 @@
-/* One picture to all viewers: through net/stream/server.h, and over sockets with nothing around them. This thread plays
+/* One image to all viewers: through net/stream/server.h, and over sockets with nothing around them. This thread plays
  * the viewers, over plain sockets in both cases. */
-#include "measure/bench/bench_parts.h"
+#include "measure/bench/bench_internal.h"
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "net/stream/picture.h"
+#include "net/stream/sent_image.h"
 #include "net/stream/server.h"
 
 #include <arpa/inet.h>
@@ -24,9 +24,9 @@
 struct delivery {
     const struct bench *bench;
     uint32_t viewers;
-    uint8_t *bytes[BENCH_SKIES]; /* of the pictures */
+    uint8_t *bytes[BENCH_SKIES]; /* of the images */
     size_t size[BENCH_SKIES];
-    uint32_t now; /* {lock} the picture */
+    uint32_t now; /* {lock} the image */
     uint8_t *room;
     struct server *server;
     struct protocol_picture header;
@@ -36,7 +36,7 @@ struct delivery {
     int ends[VIEWERS_MAX];   /* and the sides that are written to */
     pthread_mutex_t lock;
     pthread_cond_t wake;
-    uint64_t requested; /* {lock} pictures for the writer; UINT64_MAX ends it */
+    uint64_t requested; /* {lock} images for the writer; UINT64_MAX ends it */
     bool writes;        /* the writer's thread runs */
     pthread_t writer;
 };
@@ -116,8 +116,8 @@ static uint64_t frame_size(const uint8_t *h, size_t size)
     return head + (kind < 126 ? kind : length);
 }
 
-/* Reads WebSocket frames until a picture is complete, as much at a time as has come, and acknowledges it: until then
- * the server sends no other. Small messages that come with a picture's end are dropped. */
+/* Reads WebSocket frames until an image is complete, as much at a time as has come, and acknowledges it: until then
+ * the server sends no other. Small messages that come with an image's end are dropped. */
 static bool read_picture(struct delivery *d, int fd)
 {
     bool complete = false;
@@ -147,7 +147,7 @@ static enum err deliver(void *context)
 {
     struct delivery *d = context;
     const size_t k = d->bench->turn % BENCH_SKIES;
-    struct picture *p = picture_create(&d->header, d->bytes[k], d->size[k]);
+    struct sent_image *p = image_create(&d->header, d->bytes[k], d->size[k]);
 
     if (!p)
         return ERR_NOMEM;
@@ -202,7 +202,7 @@ static void *write_main(void *arg)
     }
 }
 
-static void request_pictures(struct delivery *d, uint64_t count)
+static void request_images(struct delivery *d, uint64_t count)
 {
     pthread_mutex_lock(&d->lock);
     d->requested = count;
@@ -215,7 +215,7 @@ static enum err deliver_bare(void *context)
 {
     struct delivery *d = context;
 
-    request_pictures(d, d->requested + 1);
+    request_images(d, d->requested + 1);
     for (uint32_t i = 0; i < d->viewers; i++)
         if (!read_bytes(d->bare[i], d->room, ROOM, d->size[d->now]))
             return ERR_IO;
@@ -248,7 +248,7 @@ static void delivery_finish(struct delivery *d)
         if (d->bare[i] >= 0)
             close(d->bare[i]);
     if (d->writes) {
-        request_pictures(d, UINT64_MAX);
+        request_images(d, UINT64_MAX);
         pthread_join(d->writer, NULL);
     }
     for (uint32_t i = 0; i < d->viewers; i++) {
@@ -265,7 +265,7 @@ static void delivery_finish(struct delivery *d)
     mem_free(d->room);
 }
 
-/* The bench's pictures as JPEGs. */
+/* The bench's images as JPEGs. */
 static enum err make_bytes(struct delivery *d, const struct bench *b)
 {
     struct jpeg_encoder *j = jpeg_encoder_create();

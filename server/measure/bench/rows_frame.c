@@ -1,5 +1,5 @@
 /* Whole frames: how the stages overlap, and how their time grows. */
-#include "measure/bench/bench_parts.h"
+#include "measure/bench/bench_internal.h"
 
 #include "base/clock.h"
 #include "base/handoff.h"
@@ -11,9 +11,9 @@
 #include <pthread.h>
 #include <string.h>
 
-#define WARM 4          /* pictures before the first that counts: more than slots */
-#define RUN_SECONDS 0.4 /* that a run of counted pictures takes at least */
-#define PICTURES_MAX 64 /* of them */
+#define WARM 4          /* images before the first that counts: more than slots */
+#define RUN_SECONDS 0.4 /* that a run of counted images takes at least */
+#define IMAGES_MAX 64 /* of them */
 #define TRIANGLES_MAX 4000000u
 #define FRAMES_WARM 10 /* before allocations count */
 #define FRAMES_COUNTED 10
@@ -22,15 +22,15 @@
 
 struct pipeline {
     struct bench *b;
-    struct picture_maker maker; /* its relighter is the middle thread's, the rest the last one's */
+    struct image_maker maker; /* its relighter is the middle thread's, the rest the last one's */
     uint64_t decoded;
     const struct bench_sky *sky[HANDOFF_SLOTS]; /* of the bench's, which are more than slots */
-    float *picture[HANDOFF_SLOTS];
-    struct handoff skies, pictures;
-    int count;          /* of pictures in one run */
-    uint64_t turn;      /* of the next picture */
+    float *image[HANDOFF_SLOTS];
+    struct handoff skies, images;
+    int count;          /* of images in one run */
+    uint64_t turn;      /* of the next image */
     enum err failed[3]; /* by stage */
-    double seconds;     /* per picture, of the last run */
+    double seconds;     /* per image, of the last run */
     double processor;   /* of all threads, the mean over the runs */
     int runs;
     bool borrowed;             /* the relighter is not ours */
@@ -60,22 +60,22 @@ static void *decode_main(void *arg)
 static void *encode_main(void *arg)
 {
     struct pipeline *p = arg;
-    struct picture_maker last = p->maker;
+    struct image_maker last = p->maker;
 
     omp_set_num_threads(1);
     for (int i = 0; i < WARM + p->count && !p->failed[2]; i++) {
         int slot;
-        while ((slot = handoff_take(&p->pictures, 100)) == HANDOFF_NONE)
-            if (handoff_is_closed(&p->pictures))
+        while ((slot = handoff_take(&p->images, 100)) == HANDOFF_NONE)
+            if (handoff_is_closed(&p->images))
                 return NULL;
-        last.rgb = p->picture[slot];
-        p->failed[2] = picture_maker_encode(&last);
-        handoff_release(&p->pictures, slot);
+        last.rgb = p->image[slot];
+        p->failed[2] = image_maker_encode(&last);
+        handoff_release(&p->images, slot);
     }
     return NULL;
 }
 
-/* No picture is dropped: each waits until the one before has been taken. */
+/* No image is dropped: each waits until the one before has been taken. */
 static void light_all(struct pipeline *p)
 {
     struct relight_desc light = *p->maker.light;
@@ -87,13 +87,13 @@ static void light_all(struct pipeline *p)
         while ((sky = handoff_take(&p->skies, 100)) == HANDOFF_NONE)
             if (handoff_is_closed(&p->skies))
                 return;
-        const int slot = handoff_begin(&p->pictures);
+        const int slot = handoff_begin(&p->images);
         light.turn = p->turn++;
-        p->failed[1] = relighter_run(p->maker.relighter, p->sky[sky]->environment, &light, p->picture[slot], &stats);
+        p->failed[1] = relighter_run(p->maker.relighter, p->sky[sky]->environment, &light, p->image[slot], &stats);
         bench_count(p->b, &stats);
         handoff_release(&p->skies, sky);
-        handoff_publish(&p->pictures, slot);
-        while (!handoff_wait_taken(&p->pictures, 100) && !p->failed[2])
+        handoff_publish(&p->images, slot);
+        while (!handoff_wait_taken(&p->images, 100) && !p->failed[2])
             continue;
         if (i == WARM - 1) {
             start = clock_seconds();
@@ -109,7 +109,7 @@ static enum err pipeline_run(struct pipeline *p)
     pthread_t decode, encode;
 
     handoff_init(&p->skies);
-    handoff_init(&p->pictures);
+    handoff_init(&p->images);
     memset(p->failed, 0, sizeof(p->failed));
     if (pthread_create(&decode, NULL, decode_main, p))
         return ERR_NOMEM;
@@ -121,12 +121,12 @@ static enum err pipeline_run(struct pipeline *p)
     light_all(p);
     if (p->failed[0] || p->failed[1] || p->failed[2]) {
         handoff_close(&p->skies);
-        handoff_close(&p->pictures);
+        handoff_close(&p->images);
     }
     pthread_join(decode, NULL);
     pthread_join(encode, NULL);
     handoff_finish(&p->skies);
-    handoff_finish(&p->pictures);
+    handoff_finish(&p->images);
     return p->failed[0] ? p->failed[0] : p->failed[1] ? p->failed[1] : p->failed[2];
 }
 
@@ -144,12 +144,12 @@ static enum err decode_alone(void *context)
 
 static enum err light_alone(void *context)
 {
-    return picture_maker_light(&((struct pipeline *)context)->maker);
+    return image_maker_light(&((struct pipeline *)context)->maker);
 }
 
 static enum err encode_alone(void *context)
 {
-    return picture_maker_encode(&((struct pipeline *)context)->maker);
+    return image_maker_encode(&((struct pipeline *)context)->maker);
 }
 
 static enum err all_in_sequence(void *context)
@@ -189,7 +189,7 @@ static enum err pipeline_init(struct pipeline *p, struct bench *b, struct religh
 {
     double seconds = 1.0;
     *p = (struct pipeline){ .b = b };
-    enum err e = picture_maker_init(&p->maker, b, b->set);
+    enum err e = image_maker_init(&p->maker, b, b->set);
 
     if (r) {
         relighter_destroy(p->maker.relighter);
@@ -199,12 +199,12 @@ static enum err pipeline_init(struct pipeline *p, struct bench *b, struct religh
     }
     bench_make_lean(b, p->maker.light->direct.method == METHOD_CACHED);
     for (int k = 0; k < HANDOFF_SLOTS && !e; k++) {
-        p->picture[k] = mem_alloc((size_t)b->desc->width * b->desc->height, 3 * sizeof(float));
-        e = p->picture[k] ? ERR_OK : ERR_NOMEM;
+        p->image[k] = mem_alloc((size_t)b->desc->width * b->desc->height, 3 * sizeof(float));
+        e = p->image[k] ? ERR_OK : ERR_NOMEM;
     }
     if (!e)
         e = seconds_of(light_alone, p, &seconds);
-    p->count = (int)fmin(fmax(ceil(RUN_SECONDS / seconds), 3.0), PICTURES_MAX);
+    p->count = (int)fmin(fmax(ceil(RUN_SECONDS / seconds), 3.0), IMAGES_MAX);
     return e;
 }
 
@@ -212,9 +212,9 @@ static void pipeline_finish(struct pipeline *p)
 {
     if (p->borrowed)
         p->maker.relighter = NULL;
-    picture_maker_finish(&p->maker);
+    image_maker_finish(&p->maker);
     for (int k = 0; k < HANDOFF_SLOTS; k++)
-        mem_free(p->picture[k]);
+        mem_free(p->image[k]);
     bench_make_lean(p->b, false);
     for (int k = 0; k < BENCH_SKIES; k++)
         environment_complete(p->b->skies[k].environment);
@@ -288,13 +288,13 @@ enum err bench_pipeline_rate(struct bench *b, struct relighter *r, const struct 
 /* ---- How time grows ---- */
 
 struct threads {
-    struct picture_maker maker;
+    struct image_maker maker;
     const struct bench *b;
 };
 
 static enum err threads_all(void *context)
 {
-    return picture_maker_light(&((struct threads *)context)->maker);
+    return image_maker_light(&((struct threads *)context)->maker);
 }
 
 static enum err threads_one(void *context)
@@ -313,22 +313,22 @@ enum err bench_threads_light(struct bench *b, struct bench_row *row)
         bench_skip(row, "there is one thread only");
         return ERR_OK;
     }
-    enum err e = picture_maker_init(&t.maker, b, b->set);
+    enum err e = image_maker_init(&t.maker, b, b->set);
     if (!e)
         e = bench_time(b, &pair, row);
-    picture_maker_finish(&t.maker);
+    image_maker_finish(&t.maker);
     return e;
 }
 
-struct two { /* pictures of two sets */
-    struct picture_maker large, small;
+struct two { /* images of two sets */
+    struct image_maker large, small;
     bool encodes;
 };
 
-static enum err make_one(struct picture_maker *m, bool encodes)
+static enum err make_one(struct image_maker *m, bool encodes)
 {
-    const enum err e = picture_maker_light(m);
-    return e || !encodes ? e : picture_maker_encode(m);
+    const enum err e = image_maker_light(m);
+    return e || !encodes ? e : image_maker_encode(m);
 }
 
 static enum err make_large(void *context)
@@ -343,24 +343,24 @@ static enum err make_small(void *context)
     return make_one(&t->small, t->encodes);
 }
 
-static enum err time_two(struct bench *b, const struct set *large, bool encodes, struct bench_row *row)
+static enum err time_two(struct bench *b, const struct prepared_scene *large, bool encodes, struct bench_row *row)
 {
     struct two t = { .encodes = encodes };
     const struct bench_pair pair = { { make_large, make_small }, &t, .scale = { 1e3, 1e3 } };
-    enum err e = picture_maker_init(&t.large, b, large);
+    enum err e = image_maker_init(&t.large, b, large);
 
     if (!e)
-        e = picture_maker_init(&t.small, b, b->set);
+        e = image_maker_init(&t.small, b, b->set);
     if (!e)
         e = bench_time(b, &pair, row);
-    picture_maker_finish(&t.large);
-    picture_maker_finish(&t.small);
+    image_maker_finish(&t.large);
+    image_maker_finish(&t.small);
     return e;
 }
 
 enum err bench_pixels(struct bench *b, struct bench_row *row)
 {
-    const struct set_desc desc = {
+    const struct prepared_scene_desc desc = {
         .scene = b->desc->scene,
         .reading = b->desc->reading,
         .width = 2 * b->desc->width,
@@ -368,7 +368,7 @@ enum err bench_pixels(struct bench *b, struct bench_row *row)
         .kernels = b->kernels,
     };
     struct reason why = { "" };
-    struct set *large = NULL;
+    struct prepared_scene *large = NULL;
     enum err e = ERR_OK;
 
     snprintf(row->note, sizeof(row->note), "%ux%u over %ux%u: light, exposure, tone curve, JPEG, one after another",
@@ -382,7 +382,7 @@ enum err bench_pixels(struct bench *b, struct bench_row *row)
 }
 
 /* The same scene with each triangle cut into 16. */
-static enum err make_fine(const struct bench *b, struct set *fine, struct reason *why)
+static enum err make_fine(const struct bench *b, struct prepared_scene *fine, struct reason *why)
 {
     enum err e = ERR_OK;
 
@@ -408,12 +408,12 @@ static enum err make_fine(const struct bench *b, struct set *fine, struct reason
 
 enum err bench_triangles(struct bench *b, struct bench_row *row)
 {
-    const struct set_desc given = { .scene = b->desc->scene_fine,
+    const struct prepared_scene_desc given = { .scene = b->desc->scene_fine,
                                     .reading = b->desc->reading,
                                     .width = b->desc->width,
                                     .height = b->desc->height,
                                     .kernels = b->kernels };
-    struct set made = { .scene = NULL }, *loaded = NULL;
+    struct prepared_scene made = { .scene = NULL }, *loaded = NULL;
     struct reason why = { "" };
     enum err e;
 
@@ -426,7 +426,7 @@ enum err bench_triangles(struct bench *b, struct bench_row *row)
         bench_skip(row, "%.150s", why.text[0] ? why.text : err_text(e));
         e = ERR_OK;
     } else {
-        const struct set *fine = loaded ? loaded : &made;
+        const struct prepared_scene *fine = loaded ? loaded : &made;
         snprintf(row->note, sizeof(row->note), "light alone; %llu triangles over %llu",
                  (unsigned long long)fine->scene->triangle_count, (unsigned long long)b->set->scene->triangle_count);
         e = time_two(b, fine, false, row);
@@ -443,9 +443,9 @@ enum err bench_triangles(struct bench *b, struct bench_row *row)
 /* The mean over frames by this light, from decoding to JPEG. */
 static enum err count_allocations(struct bench *b, const struct relight_desc *light, double *mean)
 {
-    struct picture_maker m;
+    struct image_maker m;
     uint64_t at[2] = { 0 };
-    enum err e = picture_maker_init(&m, b, b->set);
+    enum err e = image_maker_init(&m, b, b->set);
 
     m.light = light;
     for (int i = 0; i <= FRAMES_WARM + FRAMES_COUNTED && !e; i++, bench_next_sky(b)) {
@@ -453,16 +453,16 @@ static enum err count_allocations(struct bench *b, const struct relight_desc *li
             allocations_count(&at[i > FRAMES_WARM]);
         e = bench_read_sky(b->sky);
         if (!e)
-            e = picture_maker_light(&m);
+            e = image_maker_light(&m);
         if (!e)
-            e = picture_maker_encode(&m);
+            e = image_maker_encode(&m);
     }
     *mean = (double)(at[1] - at[0]) / FRAMES_COUNTED;
-    picture_maker_finish(&m);
+    image_maker_finish(&m);
     return e;
 }
 
-/* Of the row's method, and of live pictures of all light while there is no cache. */
+/* Of the row's method, and of live images of all light while there is no cache. */
 enum err bench_allocations(struct bench *b, struct bench_row *row)
 {
     const struct relight_desc live = { .direct = { .method = METHOD_AUTO, .samples = b->desc->samples },

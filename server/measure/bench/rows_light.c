@@ -1,5 +1,5 @@
 /* Light: shadow rays, arithmetic, particles. */
-#include "measure/bench/bench_parts.h"
+#include "measure/bench/bench_internal.h"
 
 #include "base/mem.h"
 
@@ -221,12 +221,12 @@ enum err bench_light_rays(struct bench *b, struct bench_row *row)
 
 static enum err whole_unshadowed(void *context)
 {
-    struct picture_maker *m = context;
+    struct image_maker *m = context;
     struct reason why;
     enum err e = environment_rebuild(m->bench->sky->environment, &why);
 
     if (!e)
-        e = picture_maker_light(m);
+        e = image_maker_light(m);
     if (!e)
         tone_map(m->rgb, m->width, m->height, &(struct tone_desc){ 1.0, TONE_FILMIC, m->level }, m->display);
     return e;
@@ -234,13 +234,13 @@ static enum err whole_unshadowed(void *context)
 
 enum err bench_no_visibility(struct bench *b, struct bench_row *row)
 {
-    struct picture_maker m;
+    struct image_maker m;
     struct relight_desc light = {
         .direct = { .method = METHOD_MIS, .samples = PAPER_SAMPLES, .no_visibility = true },
     };
     const struct bench_pair pair = { { whole_unshadowed }, &m, .scale = { 1.0 }, .rate = true };
 
-    enum err e = picture_maker_init(&m, b, b->set);
+    enum err e = image_maker_init(&m, b, b->set);
     m.light = &light;
     if (!e)
         e = bench_time(b, &pair, row);
@@ -249,6 +249,6 @@ enum err bench_no_visibility(struct bench *b, struct bench_row *row)
     row->ratio = row->ours / PAPER_FRAMES;
     snprintf(row->note, sizeof(row->note),
              "the sky's tables, direct light by mis, tone map; second figure: what [LPG13, Fig. 3] states for its GPU");
-    picture_maker_finish(&m);
+    image_maker_finish(&m);
     return e;
 }

@@ -1,5 +1,5 @@
 /* From a file's bytes to light samples. */
-#include "measure/bench/bench_parts.h"
+#include "measure/bench/bench_internal.h"
 
 #include "base/mem.h"
 #include "sky/tables/samples.h"
@@ -44,7 +44,7 @@ static int64_t size_of_memory(exr_const_context_t ctx, void *user)
     return (int64_t)((const struct frame *)user)->size;
 }
 
-/* Directs R, G and B to the picture's row and drops the other channels. */
+/* Directs R, G and B to the image's row and drops the other channels. */
 static void aim(exr_decode_pipeline_t *pipe, float *row, int32_t width)
 {
     for (int c = 0; c < pipe->channel_count; c++) {

@@ -14,8 +14,8 @@ struct speed {
     struct cached *c;
     struct relight_desc all, direct;
     struct part *part;      /* whose rays are the bare ones */
-    double per_picture;     /* all of the picture's bare rays over those of the part */
-    double all_s, direct_s; /* of the last pictures */
+    double per_image;     /* all of the image's bare rays over those of the part */
+    double all_s, direct_s; /* of the last images */
     double exr_ms;          /* from a sky to a float EXR */
 };
 
@@ -57,14 +57,14 @@ static enum err bare(void *context)
     return bench_part_replay(((struct speed *)context)->part);
 }
 
-/* The rays of a picture by `mis` under this sky. */
+/* The rays of an image by `mis` under this sky. */
 static enum err record_bare(struct speed *s)
 {
     const struct direct_desc mis = { .method = METHOD_MIS, .samples = CACHED_SAMPLES };
     uint64_t rays = 0;
 
     const enum err e = bench_part_create(&s->b, &mis, &s->part, &rays);
-    s->per_picture = rays ? CACHED_SAMPLES * (double)s->b.set->gbuffer->point_count / (double)rays : 0.0;
+    s->per_image = rays ? CACHED_SAMPLES * (double)s->b.set->gbuffer->point_count / (double)rays : 0.0;
     return e == ERR_RANGE ? ERR_OK : e;
 }
 
@@ -83,11 +83,11 @@ static enum err measure_shading(struct speed *s, struct speed_sky *out)
     out->all_over_direct = row.ratio;
     e = record_bare(s);
     const struct bench_pair pair[2] = {
-        { { bare, shade_all }, s, { s->per_picture, 1.0 }, .seconds = { NULL, &s->all_s } },
-        { { bare, shade_direct }, s, { s->per_picture, 1.0 }, .seconds = { NULL, &s->direct_s } },
+        { { bare, shade_all }, s, { s->per_image, 1.0 }, .seconds = { NULL, &s->all_s } },
+        { { bare, shade_direct }, s, { s->per_image, 1.0 }, .seconds = { NULL, &s->direct_s } },
     };
     double *const ratio[2] = { &out->bare_all, &out->bare_direct };
-    for (int k = 0; k < 2 && !e && s->per_picture > 0.0; k++) {
+    for (int k = 0; k < 2 && !e && s->per_image > 0.0; k++) {
         e = time_pair(s, &pair[k], &row);
         *ratio[k] = row.ratio;
     }
@@ -127,7 +127,7 @@ static enum err time_exr(void *context)
     return e;
 }
 
-static enum err measure_pictures(struct speed *s, struct speed_sky *out)
+static enum err measure_images(struct speed *s, struct speed_sky *out)
 {
     const struct relight_desc *const light[2] = { &s->all, &s->direct };
     double *const jpeg[2] = { &out->jpeg_all, &out->jpeg_direct };
@@ -178,7 +178,7 @@ static enum err measure_bias(struct speed *s, struct speed_sky *out)
     s->c->light.classes = s->direct.classes;
     out->judged = true;
     bench_first_sky(&s->b);
-    enum err e = cached_bias(&s->b, s->c, out->bright, &out->bias, &out->colour);
+    enum err e = cached_bias(&s->b, s->c, out->sun, &out->bias, &out->colour);
     if (!e)
         e = cached_seams(&s->b, &out->seams);
     return e ? e : cached_motion(&s->b, s->c, &out->motion);
@@ -191,9 +191,9 @@ static enum err measure_sky(struct speed *s, const char *source, bool judged, st
     if (e)
         return e;
     e = measure_shading(s, out);
-    out->bright = s->c->stats.cache_frame.bright > 0;
+    out->sun = s->c->stats.cache_frame.sun > 0;
     if (!e)
-        e = measure_pictures(s, out);
+        e = measure_images(s, out);
     if (!e && judged)
         e = judge(s, &s->direct, &out->error_direct, &out->mis_direct);
     if (!e && judged)
@@ -221,7 +221,7 @@ static enum err precompute(struct speed *s, struct speed_case *out, struct reaso
     out->wall_s = clock_seconds() - start;
     out->processor_s = clock_processor() - busy;
     out->direct_bytes = s->c->stats.cache.bytes;
-    out->bytes = out->direct_bytes + s->c->stats.bounce.bytes + s->c->stats.stored.bytes;
+    out->bytes = out->direct_bytes + s->c->stats.indirect.bytes + s->c->stats.stored.bytes;
     return e ? err_say(why, e, "%s", s->c->why.text[0] ? s->c->why.text : err_text(e)) : ERR_OK;
 }
 

@@ -15,9 +15,9 @@ struct speed_sky { /* times in milliseconds */
     double exr_direct;              /* EXR to float EXR, one thread */
     double error_direct, error_all; /* relMSE; below 0: not judged */
     double mis_direct, mis_all;     /* likewise, of `mis` with SPEED_MIS_SAMPLES */
-    bool bright;                    /* has a bright part */
+    bool sun;                    /* has a sun */
     bool judged;                    /* the next are measured */
-    struct bench_row bias, colour, seams, motion; /* of direct light without the bright part */
+    struct bench_row bias, colour, seams, motion; /* of direct light without the sun */
 };
 
 #define SPEED_MIS_SAMPLES 256

@@ -11,7 +11,7 @@
 /* Targets by size, of the usual two sizes only: bare over shading (noon, overcast), milliseconds from EXR to JPEG. */
 static const struct target {
     uint32_t width, height;
-    double bare[2], jpeg[2], exr, seconds, bytes; /* [0]: with a bright part; 0: there is none */
+    double bare[2], jpeg[2], exr, seconds, bytes; /* [0]: with a sun; 0: there is none */
 } targets[] = {
     { 640, 360, { 60.0, 250.0 }, { 0.0, 0.0 }, 40.0, 5.0, 0.0 },
     { 1280, 720, { 80.0, 300.0 }, { 66.0, 33.0 }, 0.0, 0.0, 50e6 },
@@ -27,12 +27,12 @@ static const struct target {
 
 static void print_target(const struct target *t, FILE *to)
 {
-    fprintf(to, "targets at %ux%u: bare/all %g with a bright part, %g without;", t->width, t->height, t->bare[0],
+    fprintf(to, "targets at %ux%u: bare/all %g with a sun, %g without;", t->width, t->height, t->bare[0],
             t->bare[1]);
     if (t->jpeg[0] > 0.0)
         fprintf(to, " to JPEG %g; %g;", t->jpeg[0], t->jpeg[1]);
     if (t->exr > 0.0)
-        fprintf(to, " to EXR without a bright part %g;", t->exr);
+        fprintf(to, " to EXR without a sun %g;", t->exr);
     if (t->seconds > 0.0)
         fprintf(to, " precomputation %g s;", t->seconds);
     if (t->bytes > 0.0)
@@ -72,7 +72,7 @@ static void print_skies(const struct speed_case *c, FILE *to)
 
     for (size_t k = 0; k < c->count; k++) {
         const struct speed_sky *s = &c->skies[k];
-        const int kind = s->bright ? 0 : 1;
+        const int kind = s->sun ? 0 : 1;
         fprintf(to, "%-10.10s %4ux%-4u %-8.8s %-10.10s %8s %8s %8s %8s %8s %8s %8s %8s %9s %9s %8s %8s\n", c->scene,
                 c->width, c->height, c->level, s->title, text_of(s->all_ms, 0, 0, cell[0]),
                 text_of(s->direct_ms, 0, 0, cell[1]), text_of(s->bare_all, t->bare[kind], 0, cell[2]),
@@ -114,7 +114,7 @@ static void print_biases(const struct speed_case *c, FILE *to)
         const struct speed_sky *s = &c->skies[k];
         if (!s->judged)
             continue;
-        fprintf(to, "%-10.10s %4ux%-4u %-8.8s %-10.10s direct light without the sky's bright part", c->scene, c->width,
+        fprintf(to, "%-10.10s %4ux%-4u %-8.8s %-10.10s direct light without the sky's sun", c->scene, c->width,
                 c->height, c->level, s->title);
         print_bias("relMSE", &s->bias, MOST_BIAS, to);
         print_bias("delta E", &s->colour, MOST_COLOUR, to);

@@ -155,7 +155,7 @@ static enum err write_files(const struct chart *c, struct reason *why)
     return e;
 }
 
-/* Draws the newest panel and writes its section of the page; its pictures are not needed afterwards. */
+/* Draws the newest panel and writes its section of the page; its images are not needed afterwards. */
 static enum err show_panel(struct chart *c, struct reason *why)
 {
     const size_t k = c->count - 1;
@@ -171,7 +171,7 @@ static enum err show_panel(struct chart *c, struct reason *why)
     }
     if (!e)
         e = page_add_panel(&c->sections[k], p, &c->winners[k], k, c->desc->out, why);
-    panel_drop_pictures(p);
+    panel_drop_images(p);
     return e ? e : write_files(c, why);
 }
 
@@ -226,8 +226,8 @@ static enum err make_ahead(struct chart *c, const struct panel_desc *d, struct r
 }
 
 /* Both classes of light. */
-static enum err run_sky(struct chart *c, const struct set *set, const char *scene, const char *source, const char *spec,
-                        struct reason *why)
+static enum err run_sky(struct chart *c, const struct prepared_scene *set, const char *scene, const char *source,
+                        const char *spec, struct reason *why)
 {
     struct light l;
     enum err e = light_init(&l, spec, why);
@@ -258,7 +258,7 @@ static enum err run_sky(struct chart *c, const struct set *set, const char *scen
 
 static enum err run_scene(struct chart *c, const char *scene, const char *spec, struct reason *why)
 {
-    const struct set_desc d = {
+    const struct prepared_scene_desc d = {
         .scene = strcmp(spec, BUILTIN) == 0 ? NULL : spec,
         .reading = c->desc->reading,
         .width = c->desc->width,
@@ -269,10 +269,10 @@ static enum err run_scene(struct chart *c, const char *scene, const char *spec, 
     };
     const char *list = c->desc->sources;
     char source[128], source_spec[4096];
-    struct set *set;
+    struct prepared_scene *set;
 
     enum err e = set_create(&d, &set, why);
-    if (!e && set->scene->ground.radius > 0.0f) /* its references light shade points, not pictures */
+    if (!e && set->scene->ground.radius > 0.0f) /* its references light shade points, not images */
         e = err_say(why, ERR_UNSUPPORTED, "%s: scenes with \"ground\" cannot be charted; leave it out", spec);
     while (!e && chart_next_item(&list, source, source_spec))
         e = run_sky(c, set, scene, source, source_spec, why);

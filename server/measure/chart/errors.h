@@ -22,7 +22,7 @@ struct error_about {
 /* Static. */
 const struct error_about *error_about(enum error_kind kind);
 
-/* The errors out[ERROR_KINDS][n] of n pictures that differ in their seeds only. mask: as for judge_init; pairs: from
+/* The errors out[ERROR_KINDS][n] of n images that differ in their seeds only. mask: as for judge_init; pairs: from
  * judge_pairs. ERR_NOMEM. */
 MUST_CHECK enum err errors_of(const struct judge *j, const uint8_t *mask, const float *const *x, const double *pairs,
                               uint32_t n, double *out);

@@ -138,9 +138,9 @@ double judge_energy(const struct judge *j, const float *x)
     return sum / reference;
 }
 
-/* Mean of the entries beside the diagonal, and the variance of that mean over the draw of the seeds. Each picture takes
+/* Mean of the entries beside the diagonal, and the variance of that mean over the draw of the seeds. Each image takes
  * part in n - 1 pairs, so that the mean is a U-statistic of degree 2, with the variance [Hoeffding 1948]
- * (4 (n - 2) z1 + 2 z2) / (n (n - 1)): z2 is the variance of a pair, z1 that of its mean with one picture held. */
+ * (4 (n - 2) z1 + 2 z2) / (n (n - 1)): z2 is the variance of a pair, z1 that of its mean with one image held. */
 static double bias_of(const double *pairs, uint32_t n, double *variance)
 {
     double sum = 0.0, z1 = 0.0, z2 = 0.0;

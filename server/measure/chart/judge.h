@@ -1,9 +1,9 @@
 /* The error of images against a truth that is known only through two references a and b, computed with different
- * random numbers. With weights q = 1 / (r^2 + 1e-2 mean(r)^2), r = (a + b) / 2, the error of a picture x is
+ * random numbers. With weights q = 1 / (r^2 + 1e-2 mean(r)^2), r = (a + b) / 2, the error of an image x is
  *     mean(q (x - a)(x - b)),
  * whose expectation is that of relMSE against the truth: the noise of a and b is independent of each other and of x, so
  * it cancels, where (x - r)^2 would add it. Such an error may be below 0 where x is better than the references can
- * tell; `doubt` says where that begins. Pictures are float[height][width][3], linear. Sums are in fixed order: the same
+ * tell; `doubt` says where that begins. Images are float[height][width][3], linear. Sums are in fixed order: the same
  * bits at any number of threads. */
 #pragma once
 
@@ -19,7 +19,7 @@ struct judge {
     uint64_t pixels; /* counted */
     /* mean(q (a - b)^2) / 4: what the noise of r would add to an error against r. */
     double noise;
-    /* Standard deviation of the error that a perfect picture is given, from the same differences: errors below two of
+    /* Standard deviation of the error that a perfect image is given, from the same differences: errors below two of
      * them cannot be told from 0. */
     double doubt;
 };
@@ -30,7 +30,7 @@ MUST_CHECK enum err judge_init(struct judge *j, const float *a, const float *b, 
                                uint32_t height, struct reason *why);
 void judge_finish(struct judge *j); /* zeroed memory is allowed */
 
-/* The error; INFINITY for a picture with a NaN or an infinity. */
+/* The error; INFINITY for an image with a NaN or an infinity. */
 double judge_error(const struct judge *j, const float *x);
 
 /* Each pixel's part of it, (x - a)(x - b) q averaged over the channels, at least 0: for a map. */
@@ -51,7 +51,7 @@ struct judge_floor {
     double energy_doubt;
 };
 
-/* pairs[n][n] as above of n >= 3 pictures; luminance[n], each picture's mean over that of the references. */
+/* pairs[n][n] as above of n >= 3 images; luminance[n], each image's mean over that of the references. */
 void judge_floor(const struct judge *j, const double *pairs, const double *luminance, uint32_t n,
                  struct judge_floor *out);
 

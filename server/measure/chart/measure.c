@@ -16,8 +16,8 @@
 #define WARM_UP_SEED UINT64_MAX
 #define OTHER_SIZE 16                  /* texels */
 #define PACE_RUNS 3                    /* whose median is the time of auto */
-#define JUDGE_WORK 4                   /* of comparing a picture, in the units of work_of */
-#define PICTURES_MAX ((size_t)8 << 30) /* bytes */
+#define JUDGE_WORK 4                   /* of comparing an image, in the units of work_of */
+#define IMAGES_MAX ((size_t)8 << 30) /* bytes */
 
 struct runs { /* of one panel */
     const struct panel_desc *desc;
@@ -26,7 +26,7 @@ struct runs { /* of one panel */
     struct environment *other;
     struct jpeg_encoder *jpeg;
     uint8_t *display;             /* [height][width][3] */
-    float *pictures;              /* [curve_count][budget_count][seeds][height][width][3] */
+    float *images;              /* [curve_count][budget_count][seeds][height][width][3] */
     double *common[COMMON_PARTS]; /* [rounds] milliseconds */
     uint32_t rounds;
 };
@@ -36,10 +36,10 @@ static size_t values_of(const struct panel *p)
     return 3 * (size_t)p->width * p->height;
 }
 
-static float *picture_of(const struct runs *r, size_t curve, uint32_t budget, uint32_t seed)
+static float *image_of(const struct runs *r, size_t curve, uint32_t budget, uint32_t seed)
 {
     const struct panel *p = r->panel;
-    return r->pictures + ((curve * p->budget_count + budget) * p->seeds + seed) * values_of(p);
+    return r->images + ((curve * p->budget_count + budget) * p->seeds + seed) * values_of(p);
 }
 
 /* About how long a run takes: mostly its rays. */
@@ -82,8 +82,8 @@ static enum err make_curves(struct panel *p, const struct panel_desc *d)
         c->points = mem_alloc(p->budget_count, sizeof(*c->points));
         c->seconds = mem_alloc(runs, sizeof(double));
         c->errors = mem_alloc(ERROR_KINDS * runs, sizeof(double));
-        c->pictures = mem_alloc(p->budget_count * values_of(p), sizeof(float));
-        if (!c->points || !c->seconds || !c->errors || !c->pictures)
+        c->images = mem_alloc(p->budget_count * values_of(p), sizeof(float));
+        if (!c->points || !c->seconds || !c->errors || !c->images)
             return ERR_NOMEM;
     }
     return p->curves ? ERR_OK : ERR_NOMEM;
@@ -114,12 +114,12 @@ static enum err set_up(struct runs *r, struct reason *why)
     r->jpeg = jpeg_encoder_create();
     r->display = mem_alloc(values_of(p), 1);
     const size_t bytes = p->curve_count * p->budget_count * p->seeds * values_of(p) * sizeof(float);
-    if (bytes > PICTURES_MAX)
+    if (bytes > IMAGES_MAX)
         return err_say(why, ERR_RANGE,
                        "the images of %zu techniques, %u budgets and %u seeds take %.1f GB, at most %.1f: "
                        "make them smaller, or fewer",
-                       p->curve_count, p->budget_count, p->seeds, 1e-9 * (double)bytes, 1e-9 * (double)PICTURES_MAX);
-    r->pictures = mem_alloc_raw(bytes, 1);
+                       p->curve_count, p->budget_count, p->seeds, 1e-9 * (double)bytes, 1e-9 * (double)IMAGES_MAX);
+    r->images = mem_alloc_raw(bytes, 1);
     p->mask = mem_alloc((size_t)p->width * p->height, 1);
     for (int k = 0; k < COMMON_PARTS; k++) {
         r->common[k] = mem_alloc((size_t)p->budget_count * p->seeds, sizeof(double));
@@ -132,7 +132,7 @@ static enum err set_up(struct runs *r, struct reason *why)
         r->stage[k].environment = d->environment;
         r->stage[k].other = r->other;
     }
-    if (e || !relighter || !r->jpeg || !r->display || !r->pictures || !p->mask)
+    if (e || !relighter || !r->jpeg || !r->display || !r->images || !p->mask)
         return err_say(why, ERR_NOMEM, "no memory for the images of %zu techniques under %u seeds", p->curve_count,
                        p->seeds);
     resolve_mask(d->set->gbuffer, p->mask);
@@ -177,7 +177,7 @@ static void leave_out(const struct runs *r, struct panel_curve *c)
 static enum err pace_auto(struct runs *r, struct reason *why)
 {
     const struct panel *p = r->panel;
-    float *rgb = picture_of(r, 0, 0, 0);
+    float *rgb = image_of(r, 0, 0, 0);
     enum err e = ERR_OK;
 
     for (uint32_t k = 0; k < p->budget_count && !e; k++) {
@@ -213,7 +213,7 @@ static enum err warm_up(struct runs *r, struct reason *why)
                 return paced;
         }
         const enum err e = technique_run(p->curves[c].technique, &r->stage[0], p->budgets[0], WARM_UP_SEED,
-                                         picture_of(r, c, 0, 0), &cost, &fault);
+                                         image_of(r, c, 0, 0), &cost, &fault);
         if (e == ERR_UNSUPPORTED || e == ERR_USAGE || e == ERR_RANGE)
             err_say(&p->curves[c].left_out, e, "%s", fault.text[0] ? fault.text : err_text(e));
         else if (e)
@@ -225,7 +225,7 @@ static enum err warm_up(struct runs *r, struct reason *why)
     return ERR_OK;
 }
 
-/* The common stages, once, with the picture of one technique. */
+/* The common stages, once, with the image of one technique. */
 static enum err run_common(struct runs *r, const float *rgb, struct reason *why)
 {
     const struct panel_desc *d = r->desc;
@@ -264,7 +264,7 @@ static enum err run_round(struct runs *r, uint32_t budget, uint32_t seed, struct
         struct technique_cost cost;
 
         if (!curve->left_out.text[0]) {
-            float *rgb = picture_of(r, c, budget, seed);
+            float *rgb = image_of(r, c, budget, seed);
             e = technique_run(curve->technique, &r->stage[budget], p->budgets[budget], seed, rgb, &cost, why);
             curve->seconds[(size_t)budget * p->seeds + seed] = cost.seconds;
             point->budget = p->budgets[budget];
@@ -279,7 +279,7 @@ static enum err run_round(struct runs *r, uint32_t budget, uint32_t seed, struct
     return e;
 }
 
-/* The errors of one technique's pictures at one budget. errors: [ERROR_KINDS][seeds] of scratch. */
+/* The errors of one technique's images at one budget. errors: [ERROR_KINDS][seeds] of scratch. */
 static enum err judge_point(struct runs *r, size_t c, uint32_t budget, double *pairs, double *errors)
 {
     struct panel *p = r->panel;
@@ -288,7 +288,7 @@ static enum err judge_point(struct runs *r, size_t c, uint32_t budget, double *p
     double energy[SEEDS_MAX];
 
     for (uint32_t s = 0; s < p->seeds; s++) {
-        x[s] = picture_of(r, c, budget, s);
+        x[s] = image_of(r, c, budget, s);
         energy[s] = judge_energy(&p->judge, x[s]);
     }
     judge_pairs(&p->judge, x, p->seeds, pairs);
@@ -299,17 +299,17 @@ static enum err judge_point(struct runs *r, size_t c, uint32_t budget, double *p
         memcpy(curve->errors + (k * p->budget_count + budget) * p->seeds, errors + k * p->seeds,
                p->seeds * sizeof(*errors));
     judge_floor(&p->judge, pairs, energy, p->seeds, &curve->points[budget].floor);
-    memcpy(curve->pictures + budget * values_of(p), x[0], values_of(p) * sizeof(float));
+    memcpy(curve->images + budget * values_of(p), x[0], values_of(p) * sizeof(float));
     return ERR_OK;
 }
 
-/* A picture by any technique; the truth if there is none. */
-static const float *some_picture(const struct runs *r, uint32_t budget, uint32_t seed)
+/* An image by any technique; the truth if there is none. */
+static const float *some_image(const struct runs *r, uint32_t budget, uint32_t seed)
 {
     for (size_t k = 0; k < r->panel->curve_count; k++) {
         const size_t c = (k + seed) % r->panel->curve_count;
         if (!r->panel->curves[c].left_out.text[0])
-            return picture_of(r, c, budget, seed);
+            return image_of(r, c, budget, seed);
     }
     return r->panel->judge.mean;
 }
@@ -323,7 +323,7 @@ static enum err run_all(struct runs *r, double *pairs, struct reason *why)
         for (uint32_t k = 0; k < p->budget_count && !e; k++) {
             e = run_round(r, k, s, why);
             if (!e)
-                e = run_common(r, some_picture(r, k, s), why);
+                e = run_common(r, some_image(r, k, s), why);
         }
     for (size_t c = 0; c < p->curve_count; c++)
         for (uint32_t k = 0; k < p->budget_count && !e; k++) {
@@ -380,7 +380,7 @@ static enum err measure(struct runs *r, struct reason *why)
     environment_destroy(r->other);
     jpeg_encoder_destroy(r->jpeg);
     mem_free(r->display);
-    mem_free(r->pictures);
+    mem_free(r->images);
     for (int k = 0; k < COMMON_PARTS; k++)
         mem_free(r->common[k]);
     return e;
@@ -389,7 +389,7 @@ static enum err measure(struct runs *r, struct reason *why)
 enum err panel_measure(const struct panel_desc *desc, struct panel **out, struct reason *why)
 {
     struct panel *p = mem_alloc(1, sizeof(*p));
-    const struct set *set = desc->set;
+    const struct prepared_scene *set = desc->set;
 
     *out = NULL;
     if (!p)

@@ -112,7 +112,7 @@ static void add_choice(struct text *t, const struct page *p, enum light_class li
         return;
     text_add(t, "<section class=\"card\"><h3>%s</h3>",
              light_class == LIGHT_DIRECT ? "Direct light: the sky and the surfaces that it lights"
-                                         : "All light: with interreflection, mirrors and glass");
+                                         : "All light: with indirect light, mirrors and glass");
     add_answer(t, p, r, count, everywhere);
     text_add(t, "<details><summary>All of them, by their worst case</summary><div class=\"wide\"><table><tr>"
                 "<th>method</th><th class=\"left\">takes</th><th>best, or<br>nearly</th><th>error over the "

@@ -1,5 +1,5 @@
 /* The report for people: one self-contained HTML file. First it says which method to choose; then comes a panel for
- * each scene, sky and class of light, with charts, pictures at equal time and a table; last, how it was made. Main
+ * each scene, sky and class of light, with charts, images at equal time and a table; last, how it was made. Main
  * thread. */
 #pragma once
 
@@ -21,7 +21,7 @@ struct page {
 /* The whole page. count >= 1. ERR_NOMEM. */
 MUST_CHECK enum err page_write(const struct page *p, struct text *t, struct reason *why);
 
-/* A panel's section, from the panel with its pictures and from the SVG files in the folder; number counts from 0.
+/* A panel's section, from the panel with its images and from the SVG files in the folder; number counts from 0.
  * ERR_NOMEM; ERR_IO or ERR_FORMAT: an SVG file cannot be included. */
 MUST_CHECK enum err page_add_panel(struct text *t, const struct panel *p, const struct winners *w, size_t number,
                                    const char *folder, struct reason *why);

@@ -57,14 +57,14 @@ static enum err add_thumb(struct text *t, const struct panel *p, const struct wi
 {
     const struct panel_curve *c = &p->curves[curve];
     const uint32_t k = nearest_budget(p, c, w->seconds[MARK_MIDDLE]);
-    const float *picture = c->pictures + (size_t)k * 3 * p->width * p->height;
+    const float *image = c->images + (size_t)k * 3 * p->width * p->height;
 
     text_add(t, "<figure%s><img alt=\"image by %s\" src=\"",
              w->by_error[MARK_MIDDLE] == (int)curve ? " class=\"first\"" : "", c->technique->name);
-    enum err e = thumb_picture(t, jpeg, p, picture);
+    enum err e = thumb_image(t, jpeg, p, image);
     text_add(t, "\"><img alt=\"its errors\" src=\"");
     if (!e)
-        e = thumb_errors(t, jpeg, p, picture);
+        e = thumb_errors(t, jpeg, p, image);
     text_add(t, "\"><figcaption>");
     page_add_swatch(t, c->technique);
     text_add(t, "<br>");
@@ -80,7 +80,7 @@ static enum err add_strip(struct text *t, const struct panel *p, const struct wi
     text_add(t, "<h3>Images and errors at about ");
     add_figure(t, 1e3 * w->seconds[MARK_MIDDLE]);
     text_add(t, " ms</h3><div class=\"strip\"><figure><img alt=\"the truth\" src=\"");
-    enum err e = thumb_picture(t, jpeg, p, p->judge.mean);
+    enum err e = thumb_image(t, jpeg, p, p->judge.mean);
     text_add(t, "\"><figcaption><span class=\"name\">the truth</span><br>%u samples a pixel</figcaption></figure>",
              p->truth.samples[0] + p->truth.samples[1]);
     for (size_t c = 0; c < p->curve_count && !e; c++)

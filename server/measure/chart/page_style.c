@@ -1,6 +1,6 @@
 #include "measure/chart/page.h"
 
-/* Quiet, so that charts and pictures are what is seen; light or dark as the reader's system is. Contrast of all text on
+/* Quiet, so that charts and images are what is seen; light or dark as the reader's system is. Contrast of all text on
  * its ground is at least 4.5:1. */
 const char page_style[] =
     ":root{color-scheme:light dark;--ground:#fbfaf8;--raised:#fff;--line:#dcd8d0;--text:#22242a;--soft:#5d626c;"

@@ -20,7 +20,7 @@ void panel_destroy(struct panel *p)
         mem_free(p->curves[c].points);
         mem_free(p->curves[c].seconds);
         mem_free(p->curves[c].errors);
-        mem_free(p->curves[c].pictures);
+        mem_free(p->curves[c].images);
     }
     mem_free(p->curves);
     judge_finish(&p->judge);
@@ -29,11 +29,11 @@ void panel_destroy(struct panel *p)
     mem_free(p);
 }
 
-void panel_drop_pictures(struct panel *p)
+void panel_drop_images(struct panel *p)
 {
     for (size_t c = 0; c < p->curve_count; c++) {
-        mem_free(p->curves[c].pictures);
-        p->curves[c].pictures = NULL;
+        mem_free(p->curves[c].images);
+        p->curves[c].images = NULL;
     }
     for (int k = 0; k < 2; k++) {
         mem_free(p->truth.half[k]);

@@ -45,7 +45,7 @@ struct panel_curve {
     struct panel_point *points; /* [budget_count] */
     double *seconds;            /* [budget_count][seeds]: whole frames */
     double *errors;             /* [ERROR_KINDS][budget_count][seeds] */
-    float *pictures;            /* [budget_count][height][width][3]: those of the first seed */
+    float *images;            /* [budget_count][height][width][3]: those of the first seed */
 };
 
 struct panel {
@@ -68,7 +68,7 @@ struct panel {
 
 struct panel_desc {
     const char *scene, *source; /* titles */
-    const struct set *set;
+    const struct prepared_scene *set;
     const struct kernels *kernels;
     struct environment *environment; /* of `frame`; decoded and rebuilt again and again, always to the same */
     const struct frame *frame;
@@ -86,7 +86,7 @@ struct panel_desc {
 uint64_t panel_work(const struct panel_desc *desc);
 
 /* Measures a panel: for each seed, for each budget, all techniques in turn, so that a noisy moment of the machine
- * affects all alike. All pictures are kept until they are compared: 12 bytes times pixels, techniques,
+ * affects all alike. All images are kept until they are compared: 12 bytes times pixels, techniques,
  * budgets and seeds, 660 MB for 12, 5 and 16 at 320x180; ERR_RANGE above 8 GiB. On an error *out is NULL: those of
  * truth.h, ERR_NOMEM. Free with panel_destroy. */
 MUST_CHECK enum err panel_measure(const struct panel_desc *desc, struct panel **out, struct reason *why);
@@ -95,8 +95,8 @@ void panel_destroy(struct panel *p); /* NULL is allowed */
 /* The references that a panel needs. */
 struct truth_desc panel_truth(const struct panel_desc *desc);
 
-/* Frees pictures and references, most of the memory; the rest serves the tables. */
-void panel_drop_pictures(struct panel *p);
+/* Frees images and references, most of the memory; the rest serves the tables. */
+void panel_drop_images(struct panel *p);
 
 /* Whether the list names the technique. panel_check_techniques returns ERR_USAGE for an unknown name. */
 bool panel_takes(const char *techniques, const struct technique *t);

@@ -10,10 +10,10 @@
 /* All light: twice the samples, so that a budget of 4 comes to one eye path and one particle a pixel. */
 #define ALL .light_class = LIGHT_ALL, .light.classes = PATH_ALL, .times = 2, .per = 1
 /* A whole path for every four samples: it costs about as much. */
-#define PICTURE_DIRECT                                                                                                 \
+#define IMAGE_DIRECT                                                                                                 \
     .light_class = LIGHT_DIRECT, .kind = TECHNIQUE_BASELINE, .light.classes = PATH_BACKGROUND | PATH_DIRECT,           \
     .times = 1, .per = 4
-#define PICTURE_ALL                                                                                                    \
+#define IMAGE_ALL                                                                                                    \
     .light_class = LIGHT_ALL, .kind = TECHNIQUE_BASELINE, .light.classes = PATH_ALL, .times = 1, .per = 4
 
 static const struct technique techniques[] = {
@@ -44,10 +44,10 @@ static const struct technique techniques[] = {
       .light.direct.method = METHOD_AUTO },
     { "cached", "light transport computed in advance", DIRECT, .colour = 0x2e7d5b, .kind = TECHNIQUE_PREPARED,
       .light.direct.method = METHOD_CACHED },
-    { "path", "whole paths from the eye, without precomputation", PICTURE_DIRECT, .colour = 0x94704a,
+    { "path", "whole paths from the eye, without precomputation", IMAGE_DIRECT, .colour = 0x94704a,
       .light.direct.method = METHOD_PATH },
 
-    { "mis/light", "mis, paths from the light for caustics, paths from the eye for interreflection", ALL,
+    { "mis/light", "mis, paths from the light for caustics, paths from the eye for indirect light", ALL,
       .colour = 0xdd4b4e, .light.direct.method = METHOD_MIS, .light.caustics = PLAN_LIGHT, .light.indirect = PLAN_EYE },
     { "mis/eye", "mis, and paths from the eye for all indirect light", ALL, .colour = 0x3f95cf,
       .light.direct.method = METHOD_MIS, .light.caustics = PLAN_EYE, .light.indirect = PLAN_EYE },
@@ -58,12 +58,12 @@ static const struct technique techniques[] = {
       .light.direct.method = METHOD_AUTO },
     { "cached", "light transport and light paths computed in advance", ALL, .colour = 0x2e7d5b,
       .kind = TECHNIQUE_PREPARED, .light.direct.method = METHOD_CACHED },
-    { "path", "whole paths from the eye, without precomputation", PICTURE_ALL, .colour = 0x94704a,
+    { "path", "whole paths from the eye, without precomputation", IMAGE_ALL, .colour = 0x94704a,
       .light.direct.method = METHOD_PATH },
-    { "mlt", "chains of paths that dwell where it is bright (Metropolis)", PICTURE_ALL, .colour = 0x7a5af0,
+    { "mlt", "chains of paths that dwell where it is bright (Metropolis)", IMAGE_ALL, .colour = 0x7a5af0,
       .light.direct.method = METHOD_MLT },
-    { "photons", "a photon map, blurred", PICTURE_ALL, .colour = 0x1fa894, .light.direct.method = METHOD_PHOTONS },
-    { "vpl", "virtual point lights, dim in corners", PICTURE_ALL, .colour = 0xc79a00,
+    { "photons", "a photon map, blurred", IMAGE_ALL, .colour = 0x1fa894, .light.direct.method = METHOD_PHOTONS },
+    { "vpl", "virtual point lights, dim in corners", IMAGE_ALL, .colour = 0xc79a00,
       .light.direct.method = METHOD_VPL },
 };
 

@@ -1,4 +1,4 @@
-/* The techniques that are compared: named ways of lighting a picture, and what a budget means for each. Constant
+/* The techniques that are compared: named ways of lighting an image, and what a budget means for each. Constant
  * tables; any thread may read them, and run techniques on a relighter of its own. */
 #pragma once
 
@@ -9,10 +9,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Which light a picture holds; a chart compares techniques for the same light only. */
+/* Which light an image holds; a chart compares techniques for the same light only. */
 enum light_class {
     LIGHT_DIRECT, /* the sky, and what it lights directly */
-    LIGHT_ALL,    /* and caustics and interreflection */
+    LIGHT_ALL,    /* and caustics and indirect light */
     LIGHT_CLASSES,
 };
 
@@ -37,7 +37,7 @@ struct technique {
     enum technique_kind kind;
     struct relight_desc light; /* all but the budget and the seed */
     /* What a budget N means, as a ratio: N times / per samples per shade point, or per pixel where the method makes the
-     * whole picture. Particles and eye paths follow from the plan (light/plan/plan.h), one for every eight samples.
+     * whole image. Particles and eye paths follow from the plan (light/plan/plan.h), one for every eight samples.
      * Auto gets the time that technique_pace takes for that budget; its own time is measured like that of the others.
      */
     uint32_t times, per;
@@ -59,7 +59,7 @@ struct technique_stage { /* what a run needs; borrowed */
 };
 
 struct technique_cost {
-    double seconds;  /* of the picture: samples, shading, light tracing, resolving, and all measurements of the pilot,
+    double seconds;  /* of the image: samples, shading, light tracing, resolving, and all measurements of the pilot,
                         which begins anew */
     double expected; /* relMSE without bias, as estimated by auto; 0: by others */
     uint32_t samples, eye_paths; /* per shade point */
@@ -69,7 +69,7 @@ struct technique_cost {
     uint64_t prepared_bytes;
 };
 
-/* One picture, as the first of a file: rgb float[height][width][3]. TECHNIQUE_PREPARED lights the other sky before, so
+/* One image, as the first of a file: rgb float[height][width][3]. TECHNIQUE_PREPARED lights the other sky before, so
  * that nothing is taken over from a frame under the same one. Errors as relighter_run's: ERR_UNSUPPORTED where the
  * method needs another layout of sky. */
 MUST_CHECK enum err technique_run(const struct technique *t, const struct technique_stage *stage, uint32_t budget,

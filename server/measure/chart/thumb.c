@@ -25,7 +25,7 @@ static enum err add_jpeg(struct text *t, struct jpeg_encoder *j, const struct pa
     return ERR_OK;
 }
 
-enum err thumb_picture(struct text *t, struct jpeg_encoder *j, const struct panel *p, const float *rgb)
+enum err thumb_image(struct text *t, struct jpeg_encoder *j, const struct panel *p, const float *rgb)
 {
     uint8_t *display = mem_alloc((size_t)p->width * p->height, 3);
 

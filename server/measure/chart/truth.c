@@ -123,7 +123,7 @@ static enum err store_sum(const struct truth_desc *d, const char *path, const st
 static enum err add_caustics(struct maker *m, uint32_t pass)
 {
     const struct truth_desc *d = m->desc;
-    const struct set *set = d->set;
+    const struct prepared_scene *set = d->set;
     const struct light_tracer_desc light = {
         .classes = m->by_light,
         .particles = (uint64_t)TRUTH_PART * set->view.width * set->view.height,
@@ -204,10 +204,10 @@ static enum err make_parts(struct maker *m, int half, struct truth_sum *sum, str
     return e;
 }
 
-/* The points behind mirrors and glass, with more camera rays than a picture's own. */
+/* The points behind mirrors and glass, with more camera rays than an image's own. */
 static enum err make_dense(const struct truth_desc *d, struct gbuffer **out, struct reason *why)
 {
-    const struct set *set = d->set;
+    const struct prepared_scene *set = d->set;
     struct gbuffer_desc g = {
         .camera = set->scene->cameras,
         .width = set->view.width,

@@ -1,6 +1,6 @@
-/* Two references a and b of a picture with different random numbers, over the whole pixel and not only its centre.
- * Background, direct light and ordinary interreflection come from the path tracer (light/estimators/baselines/path.h),
- * caustics and their interreflection from the light tracer, and both of them in mirrors and behind glass from eye paths
+/* Two references a and b of an image with different random numbers, over the whole pixel and not only its centre.
+ * Background, direct light and ordinary indirect light come from the path tracer (light/estimators/baselines/path.h),
+ * caustics and their indirect light from the light tracer, and both of them in mirrors and behind glass from eye paths
  * with 4 x 4 camera rays in every pixel. They are not timed, and share no random numbers with what is charted.
  *
  * A reference is made in parts. After each part its sum is stored in a cache folder (light/cache/cache_file.h) under a
@@ -17,7 +17,7 @@
 struct progress;
 
 struct truth_desc {
-    const struct set *set;
+    const struct prepared_scene *set;
     const struct environment *environment; /* ready, made of `frame` */
     const struct frame *frame;
     uint32_t classes;      /* PATH_* */

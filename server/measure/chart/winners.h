@@ -13,7 +13,7 @@
 #define TECHNIQUES_MAX 32
 
 struct standing {              /* of one curve */
-    bool has_error[MARKS];     /* it makes a picture in that time at all */
+    bool has_error[MARKS];     /* it makes an image in that time at all */
     double error[MARKS];       /* at that time */
     bool error_at_most[MARKS]; /* all its budgets take less time: `error` is that of its last point */
     bool reached[MARKS];       /* it reaches that error within its budgets */

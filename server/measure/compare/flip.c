@@ -367,7 +367,7 @@ bool flip_compare(const float *x, const float *r, const uint8_t *mask, uint32_t 
                   double pixels_per_degree, float *map, double *mean)
 {
     const size_t count = (size_t)width * height;
-    const float *const pictures[2] = { x, r };
+    const float *const images[2] = { x, r };
     struct flip_view views[2] = { { .width = 0 }, { .width = 0 } };
     double log2_mean = log2(KEY); /* a black reference: gain 1 */
     float *display = mem_alloc(3 * count, sizeof(*display));
@@ -375,7 +375,7 @@ bool flip_compare(const float *x, const float *r, const uint8_t *mask, uint32_t 
 
     (void)exposure_log2_mean(r, mask, width, height, &log2_mean);
     for (int k = 0; k < 2 && done; k++) {
-        flip_tone(pictures[k], 3 * count, KEY / exp2(log2_mean), display);
+        flip_tone(images[k], 3 * count, KEY / exp2(log2_mean), display);
         done = flip_view_init(&views[k], display, width, height, pixels_per_degree);
     }
     if (done)

@@ -17,10 +17,10 @@ enum server_source {
     SERVER_FAILED, /* the last frame could not be used, so the one before stays: `detail` says why */
 };
 
-/* Where live pictures are published (net/publish/publish.h). */
+/* Where live images are published (net/publish/publish.h). */
 #define SERVER_PUBLISH_MAX 8
 enum server_publish_state {
-    SERVER_PUBLISH_WAITING, /* for the first picture, or a receiver's call */
+    SERVER_PUBLISH_WAITING, /* for the first image, or a receiver's call */
     SERVER_PUBLISH_CONNECTING,
     SERVER_PUBLISH_LIVE,
     SERVER_PUBLISH_RETRYING,
@@ -62,19 +62,19 @@ struct server_figures {
     uint64_t unreadable, unusable;                          /* parts of refused: not decoded; no use to the method */
     char last_refusal[sizeof(struct reason)];               /* why, and which frame; "": none */
     uint64_t repaired;                                      /* NaN, infinite and negative texels */
-    unsigned frames_waiting, pictures_waiting;              /* read and not lit, lit and not encoded */
-    double fps;                                             /* smoothed pictures per second; 0: unknown */
+    unsigned frames_waiting, images_waiting;              /* read and not lit, lit and not encoded */
+    double fps;                                             /* smoothed images per second; 0: unknown */
     double queued_ms, decoded_ms, shaded_ms, encoded_ms;    /* smoothed */
-    uint64_t direct_rays, eye_rays, light_rays, cache_rays; /* traced for pictures, and for the cache */
+    uint64_t direct_rays, eye_rays, light_rays, cache_rays; /* traced for images, and for the cache */
     uint64_t generated, chosen, effective;                  /* light samples */
-    double audit_s;                                         /* processor time that estimates of pictures' errors took */
+    double audit_s;                                         /* processor time that estimates of images' errors took */
 
-    uint64_t late; /* pictures that exceeded the limit on their time */
+    uint64_t late; /* images that exceeded the limit on their time */
     double late_s; /* for how long the present one has been made, if beyond the limit; 0: it is not */
 
-    char paths[320];     /* which light the picture has and by which method: "direct light, caustics by light tracer" */
+    char paths[320];     /* which light the image has and by which method: "direct light, caustics by light tracer" */
     char left_out[1024]; /* which it lacks, and why; "": none */
-    double error;        /* estimated relMSE of the last picture; 0: unknown */
+    double error;        /* estimated relMSE of the last image; 0: unknown */
     double error_at_most; /* an upper bound of it, where it is unknown; 0: none */
     uint64_t cache_bytes;
     double cache_share;  /* computed share of the cache, 0..1 */

@@ -88,7 +88,7 @@ struct message {
         struct {
             enum protocol_format format;
             int quality;                    /* 1..100; 0: not said */
-            double max_rate;                /* pictures per second; 0: no limit */
+            double max_rate;                /* images per second; 0: no limit */
             uint32_t max_width, max_height; /* pixels; 0: no limit */
             bool paused;
             uint64_t request; /* echoed; 0: not said */
@@ -104,9 +104,9 @@ struct message {
         struct server_control control;
         struct {
             bool asks; /* it names a pixel or asks for the sky: `question` is valid */
-            struct server_probe question;
+            struct server_inspection question;
             bool has_follow, follow;
-        } probe;
+        } inspection;
     };
 };
 
@@ -135,7 +135,7 @@ char *message_subscribed(const struct message *m);
 char *message_pong(uint64_t id, int64_t server_us);
 char *message_error(const struct fault *fault);
 char *message_credit(uint32_t frames);
-/* sequence: of the picture, 0: none; fault: why the frame was refused, or NULL. */
+/* sequence: of the image, 0: none; fault: why the frame was refused, or NULL. */
 char *message_fate(uint64_t number, enum server_fate fate, uint64_t sequence, const struct fault *fault);
 char *message_sequence(const char *name, uint64_t stored);
 
@@ -144,7 +144,7 @@ char *message_control_shared(const struct setting *controls, const void *values)
 char *message_control(const char *shared, uint64_t by, uint64_t request);
 
 /* The answer about a pixel, from the text of a JSON object; and the radiance of a followed pixel. */
-char *message_probed(const char *object, uint64_t request);
+char *message_inspected(const char *object, uint64_t request);
 char *message_radiance(const struct server_follow *pixel, const struct server_radiance *r);
 
 /* A status in two parts: the one that all viewers share, and the message made from it for one viewer. */

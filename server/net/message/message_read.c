@@ -243,26 +243,26 @@ static enum fault_code take_flag(const json_t *object, const char *key, bool *ha
     return FAULT_NONE;
 }
 
-/* A click beside the picture must not cost the connection. */
+/* A click beside the image must not cost the connection. */
 static enum fault_code parse_probe(const json_t *object, struct message *m, struct fault *fault)
 {
     static const char *const presets[] = { "fig1" };
     const json_t *preset = json_object_get(object, "preset");
     int64_t request = 0, x = 0, y = 0, samples = 0;
-    struct server_probe *q = &m->probe.question;
+    struct server_inspection *q = &m->inspection.question;
     size_t word = 0;
     bool has_sky;
 
     if (take_integer(object, "request", false, 0, PROTOCOL_NUMBER_MAX, &request, "4.15.1", fault) ||
-        take_flag(object, "follow", &m->probe.has_follow, &m->probe.follow, "4.15.5", fault) ||
+        take_flag(object, "follow", &m->inspection.has_follow, &m->inspection.follow, "4.15.5", fault) ||
         take_flag(object, "sky", &has_sky, &q->sky, "4.15.4", fault) ||
         take_integer(object, "samples", false, 1, MESSAGE_PROBE_SAMPLES_MAX, &samples, "4.15.3", fault) ||
         (preset && !json_is_null(preset) && take_word(object, "preset", presets, 1, &word, "4.15.3", fault)))
         goto failed;
-    const bool somewhere = json_object_get(object, "x") || json_object_get(object, "y") || m->probe.follow;
+    const bool somewhere = json_object_get(object, "x") || json_object_get(object, "y") || m->inspection.follow;
     q->sky_alone = q->sky && !somewhere;
-    m->probe.asks = somewhere || q->sky || !m->probe.has_follow;
-    if (m->probe.asks && !q->sky_alone &&
+    m->inspection.asks = somewhere || q->sky || !m->inspection.has_follow;
+    if (m->inspection.asks && !q->sky_alone &&
         (take_integer(object, "x", true, 0, PROTOCOL_SIDE_MAX - 1, &x, "4.15.2", fault) ||
          take_integer(object, "y", true, 0, PROTOCOL_SIDE_MAX - 1, &y, "4.15.2", fault)))
         goto failed;

@@ -158,7 +158,7 @@ char *message_control(const char *shared, uint64_t by, uint64_t request)
     return text;
 }
 
-char *message_probed(const char *object, uint64_t request)
+char *message_inspected(const char *object, uint64_t request)
 {
     static const char format[] = "{\"op\":\"probed\",\"request\":%llu,%s";
 
@@ -267,7 +267,7 @@ static bool set_offers(json_t *all, const struct setting *controls, const struct
     return ok;
 }
 
-/* Where live pictures are published, as PROTOCOL.md 4.8 has it. */
+/* Where live images are published, as PROTOCOL.md 4.8 has it. */
 static bool set_publish(json_t *all, const struct server_figures *f)
 {
     json_t *list = json_array();

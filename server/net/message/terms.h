@@ -14,7 +14,7 @@ enum server_role {
 
 /* What becomes of a producer's frame. */
 enum server_fate {
-    SERVER_USED,       /* a picture was made */
+    SERVER_USED,       /* an image was made */
     SERVER_SUPERSEDED, /* a newer one replaced it */
     SERVER_REFUSED,    /* unusable: `why` gives the reason */
 };
@@ -29,24 +29,24 @@ struct server_control {
 };
 
 /* A question about a pixel. */
-struct server_probe {
+struct server_inspection {
     uint64_t by, request; /* connection and number of the request, for the answer */
-    uint32_t x, y;        /* within the picture, if its size is known */
+    uint32_t x, y;        /* within the image, if its size is known */
     uint32_t samples;     /* 0: default */
-    bool figure, sky;     /* the preset of [LPG13, Fig. 1]; include a picture of the sky */
+    bool figure, sky;     /* the preset of [LPG13, Fig. 1]; include an image of the sky */
     bool sky_alone;       /* the query is about the sky only, not a pixel */
 };
 
-/* A pixel that a client follows from picture to picture, */
+/* A pixel that a client follows from image to image, */
 struct server_follow {
     uint64_t by;
     uint32_t x, y;
 };
 
-/* and a picture's radiance there. */
+/* and an image's radiance there. */
 struct server_radiance {
     uint64_t frame;
     int64_t capture_us; /* 0: unknown */
-    bool finer;         /* a refined picture of the same frame */
+    bool finer;         /* a refined image of the same frame */
     float rgb[3];
 };

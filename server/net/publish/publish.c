@@ -7,7 +7,7 @@
 #include "image/video/h264.h"
 #include "net/publish/queue.h"
 #include "net/publish/sink.h"
-#include "net/stream/picture.h"
+#include "net/stream/sent_image.h"
 #include "protocol/relight_protocol.h"
 
 #include <pthread.h>
@@ -138,7 +138,7 @@ static void limit_ms(struct outlet *o, int64_t ms)
 static enum err learn(struct outlet *o, const struct publish_entry *entry, const struct sink_unit *unit, bool *news,
                       struct reason *why)
 {
-    const struct protocol_picture *header = picture_header(entry->picture);
+    const struct protocol_picture *header = image_header(entry->picture);
     const size_t size = annexb_header_size(unit->bytes, unit->size);
 
     *news = size != o->header_size || (size > 0 && memcmp(o->header, unit->bytes, size) != 0);
@@ -159,7 +159,7 @@ static enum err learn(struct outlet *o, const struct publish_entry *entry, const
 static struct sink_unit unit_of(const struct publish_entry *entry)
 {
     size_t size;
-    const uint8_t *message = picture_message(entry->picture, &size);
+    const uint8_t *message = image_message(entry->picture, &size);
 
     return (struct sink_unit){ message + PROTOCOL_PICTURE_BYTES, size - PROTOCOL_PICTURE_BYTES, entry->time_us,
                                entry->key };
@@ -181,7 +181,7 @@ static enum err learn_first(struct outlet *o, struct reason *why)
         const struct sink_unit unit = unit_of(&entry);
         bool news;
         e = learn(o, &entry, &unit, &news, why);
-        picture_unref(entry.picture);
+        image_unref(entry.picture);
     }
     publish_queue_open(&o->queue, false);
     return e;
@@ -245,7 +245,7 @@ static enum err serve(struct outlet *o, struct reason *why)
     while (!e && !atomic_load(&o->stop_ms))
         if (publish_queue_take(&o->queue, &entry, TAKE_MS)) {
             e = write_entry(o, sink, &entry, why);
-            picture_unref(entry.picture);
+            image_unref(entry.picture);
         }
     publish_queue_open(&o->queue, false);
     limit_ms(o, CLOSE_MS);
@@ -351,10 +351,10 @@ bool publisher_wants(struct publisher *p, bool *key)
     return any;
 }
 
-void publisher_push(struct publisher *p, struct picture *picture, int64_t time_us)
+void publisher_push(struct publisher *p, struct sent_image *picture, int64_t time_us)
 {
     for (uint32_t i = 0; p && i < p->count; i++) {
-        const bool key = picture_header(picture)->flags & PROTOCOL_PICTURE_KEY;
+        const bool key = image_header(picture)->flags & PROTOCOL_PICTURE_KEY;
         publish_queue_push(&p->outlets[i].queue, &(struct publish_entry){ picture, time_us, key });
     }
 }

@@ -1,7 +1,7 @@
 #include "net/publish/queue.h"
 
 #include "base/clock.h"
-#include "net/stream/picture.h"
+#include "net/stream/sent_image.h"
 
 #include <time.h>
 
@@ -20,7 +20,7 @@ static size_t size_of(const struct publish_entry *e)
 {
     size_t size;
 
-    picture_message(e->picture, &size);
+    image_message(e->picture, &size);
     return size;
 }
 
@@ -39,7 +39,7 @@ static struct publish_entry pop(struct publish_queue *q)
 static void clear(struct publish_queue *q)
 {
     while (q->count > 0)
-        picture_unref(pop(q).picture);
+        image_unref(pop(q).picture);
 }
 
 void publish_queue_finish(struct publish_queue *q)
@@ -62,7 +62,7 @@ void publish_queue_open(struct publish_queue *q, bool open)
 static void drop_chain(struct publish_queue *q)
 {
     do {
-        picture_unref(pop(q).picture);
+        image_unref(pop(q).picture);
         q->dropped++;
     } while (q->count > 0 && !q->entries[q->first].key);
     q->needs_key = q->broken = q->count == 0;
@@ -86,7 +86,7 @@ void publish_queue_push(struct publish_queue *q, const struct publish_entry *ent
         q->needs_key = q->broken = false;
         q->entries[(q->first + q->count++) % PUBLISH_QUEUE] = *entry;
         q->bytes += size;
-        picture_ref(entry->picture);
+        image_ref(entry->picture);
         pthread_cond_broadcast(&q->changed);
     }
     pthread_mutex_unlock(&q->lock);

@@ -8,13 +8,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
-struct picture;
+struct sent_image;
 
-#define PUBLISH_QUEUE 128                      /* pictures: four seconds at 30 per second */
+#define PUBLISH_QUEUE 128                      /* images: four seconds at 30 per second */
 #define PUBLISH_QUEUE_BYTES ((size_t)32 << 20) /* a single larger image is accepted even so */
 
 struct publish_entry {
-    struct picture *picture; /* one access unit as payload, with a reference */
+    struct sent_image *picture; /* one access unit as payload, with a reference */
     int64_t time_us;         /* any monotonic clock */
     bool key;
 };

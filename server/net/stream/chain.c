@@ -1,38 +1,38 @@
 #include "net/stream/internal.h"
 
-/* H.264 pictures encode only changes since the picture before. A viewer that misses one can continue only at a key
- * picture, which is ten times as large. So the last few pictures are kept for viewers that are slightly behind, and
- * more of them may be under way at once, because the round trip of a long line exceeds two pictures. A viewer that is
+/* H.264 images encode only changes since the image before. A viewer that misses one can continue only at a key
+ * image, which is ten times as large. So the last few images are kept for viewers that are slightly behind, and
+ * more of them may be under way at once, because the round trip of a long line exceeds two images. A viewer that is
  * far behind first waits until its line is clear, then starts at a keyframe. */
 
-static struct picture *kept(const struct server *s, unsigned track, uint64_t sequence)
+static struct sent_image *kept(const struct server *s, unsigned track, uint64_t sequence)
 {
-    struct picture *p = s->chain[track][sequence % STREAM_CHAIN];
+    struct sent_image *p = s->chain[track][sequence % STREAM_CHAIN];
 
-    return p && picture_header(p)->sequence == sequence ? p : NULL;
+    return p && image_header(p)->sequence == sequence ? p : NULL;
 }
 
-/* Whether a picture placed at that time is too old to send, compared with the newest. The last two never are: those of
+/* Whether an image placed at that time is too old to send, compared with the newest. The last two never are: those of
  * a slow stream are old when they are published. */
 static bool too_late(const struct server *s, unsigned track, uint64_t sequence, int64_t placed_us)
 {
     const uint64_t newest = s->issued[STREAM_TRACKS + track];
-    const struct picture *last = kept(s, track, newest);
+    const struct sent_image *last = kept(s, track, newest);
 
-    return last && newest - sequence >= PROTOCOL_CREDIT && picture_placed_us(last) - placed_us > STREAM_LAG_US;
+    return last && newest - sequence >= PROTOCOL_CREDIT && image_placed_us(last) - placed_us > STREAM_LAG_US;
 }
 
-void chain_place(struct server *s, struct picture *p)
+void chain_place(struct server *s, struct sent_image *p)
 {
-    const struct protocol_picture *header = picture_header(p);
-    const unsigned track = picture_track(p);
-    struct picture **place = &s->chain[track][header->sequence % STREAM_CHAIN];
+    const struct protocol_picture *header = image_header(p);
+    const unsigned track = image_track(p);
+    struct sent_image **place = &s->chain[track][header->sequence % STREAM_CHAIN];
 
-    picture_unref(*place);
+    image_unref(*place);
     *place = NULL;
     if (!(s->demand.h264 >> track & 1)) /* nobody watches; the next viewer starts at a keyframe */
         return;
-    *place = picture_ref(p);
+    *place = image_ref(p);
     if (header->flags & PROTOCOL_PICTURE_KEY)
         s->keys_wanted &= ~(1u << track);
 }
@@ -41,7 +41,7 @@ void chains_clear(struct server *s, uint32_t watched)
 {
     for (unsigned track = 0; track < SERVER_TRACKS; track++)
         for (int i = 0; i < STREAM_CHAIN && !(watched >> track & 1); i++) {
-            picture_unref(s->chain[track][i]);
+            image_unref(s->chain[track][i]);
             s->chain[track][i] = NULL;
         }
     s->keys_wanted &= watched;
@@ -55,27 +55,27 @@ uint64_t chain_newest(struct server *s, unsigned track)
     return newest;
 }
 
-struct picture *chain_next(const struct server *s, const struct viewer *v)
+struct sent_image *chain_next(const struct server *s, const struct viewer *v)
 {
     const unsigned track = v->kind - STREAM_TRACKS;
     const uint64_t newest = s->issued[v->kind];
-    struct picture *p = v->chained ? kept(s, track, v->begun + 1) : NULL;
+    struct sent_image *p = v->chained ? kept(s, track, v->begun + 1) : NULL;
 
-    if (p && !too_late(s, track, v->begun + 1, picture_placed_us(p)))
+    if (p && !too_late(s, track, v->begun + 1, image_placed_us(p)))
         return p;
     for (uint64_t n = newest; n > v->begun && newest - n < STREAM_CHAIN; n--) {
         p = kept(s, track, n);
-        if (p && picture_header(p)->flags & PROTOCOL_PICTURE_KEY)
+        if (p && image_header(p)->flags & PROTOCOL_PICTURE_KEY)
             return p;
     }
     return NULL;
 }
 
-bool chain_may_begin(const struct server *s, const struct viewer *v, const struct picture *p)
+bool chain_may_begin(const struct server *s, const struct viewer *v, const struct sent_image *p)
 {
     if (v->unacked_count < PROTOCOL_CREDIT)
         return true;
-    return v->chained && picture_header(p)->sequence == v->begun + 1 && v->unacked_count < PROTOCOL_CREDIT_H264 &&
+    return v->chained && image_header(p)->sequence == v->begun + 1 && v->unacked_count < PROTOCOL_CREDIT_H264 &&
            !too_late(s, v->kind - STREAM_TRACKS, v->unacked[0].sequence, v->unacked[0].placed_us);
 }
 

@@ -29,7 +29,7 @@ struct guest {
     struct lws *wsi;
     struct visitor *visitor; /* its address */
     enum guest_state state;
-    struct watcher *watcher; /* of a request for pictures; NULL: none */
+    struct watcher *watcher; /* of a request for images; NULL: none */
 };
 
 struct guests {

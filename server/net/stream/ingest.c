@@ -24,7 +24,7 @@ void ingest_finish(struct ingest *g)
     block_finish(&g->lockstep.payload);
     block_finish(&g->spare);
     for (int i = 0; i < INGEST_SEQUENCES; i++)
-        picture_unref(g->sequences[i].kept);
+        image_unref(g->sequences[i].kept);
     pthread_cond_destroy(&g->arrived);
 }
 
@@ -94,7 +94,7 @@ unsigned ingest_notes(struct server *s, struct note out[INGEST_NOTES])
     return count;
 }
 
-/* {lock} picture: 0: the frame was refused. */
+/* {lock} image: 0: the frame was refused. */
 static void remember(struct sequence *q, uint64_t number, uint64_t picture)
 {
     const unsigned i = q->fate_count++ % INGEST_FATES;
@@ -397,25 +397,25 @@ void server_frame_fate(struct server *s, const struct server_ticket *ticket, enu
     lws_cancel_service(s->context);
 }
 
-void server_publish_for(struct server *s, struct picture *picture, const struct server_ticket *ticket)
+void server_publish_for(struct server *s, struct sent_image *picture, const struct server_ticket *ticket)
 {
     struct ingest *g = &s->ingest;
 
     pthread_mutex_lock(&s->lock);
-    struct picture *old = server_place(s, picture, ticket->lockstep ? PROTOCOL_PICTURE_LOCKSTEP : 0);
-    const struct protocol_picture *header = picture_header(picture);
+    struct sent_image *old = server_place(s, picture, ticket->lockstep ? PROTOCOL_PICTURE_LOCKSTEP : 0);
+    const struct protocol_picture *header = image_header(picture);
     struct ticket *t = find_ticket(g, ticket);
-    if (t && (!t->sequence || (unsigned)t->sequence->format == picture_kind(picture))) {
+    if (t && (!t->sequence || (unsigned)t->sequence->format == image_kind(picture))) {
         note(g, t->producer, t->sequence, t->number, SERVER_USED)->picture = header->sequence;
         if (t->sequence) {
             remember(t->sequence, t->number, header->sequence);
-            t->sequence->kept = picture_ref(picture);
+            t->sequence->kept = image_ref(picture);
             t->sequence->stage = SEQUENCE_KEPT;
             pthread_cond_signal(&g->arrived);
         }
         *t = (struct ticket){ 0 };
     }
     pthread_mutex_unlock(&s->lock);
-    picture_unref(old);
+    image_unref(old);
     lws_cancel_service(s->context);
 }

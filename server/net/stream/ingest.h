@@ -1,8 +1,8 @@
 /* Frames from producers and their fates: the state shared by the service thread, which receives frames, and the threads
- * that take them and return pictures. Uses no sockets. The server's lock guards these structures unless noted.
+ * that take them and return images. Uses no sockets. The server's lock guards these structures unless noted.
  *
  * A live frame stays in `live` until it is taken or replaced. A lockstep sequence outlives its connections: IDLE ->
- * WAITING (frame accepted) -> WORKING (taken) -> KEPT (its picture is ready) -> IDLE (stored), or WORKING -> IDLE when
+ * WAITING (frame accepted) -> WORKING (taken) -> KEPT (its image is ready) -> IDLE (stored), or WORKING -> IDLE when
  * the frame is refused. Frames are accepted in IDLE only, so either end may disconnect at any time and resume later. */
 #pragma once
 
@@ -36,15 +36,15 @@ struct sequence {
     enum sequence_stage stage;
     bool has_accepted, has_stored;
     uint64_t accepted;     /* number of the last frame received whole */
-    uint64_t stored;       /* number of the last frame whose picture is stored */
-    uint64_t stored_count; /* pictures */
+    uint64_t stored;       /* number of the last frame whose image is stored */
+    uint64_t stored_count; /* images */
     bool ended;            /* the producer ended it */
     struct {
-        uint64_t number, picture; /* picture: made of the frame; 0: it was refused */
+        uint64_t number, picture; /* image: made of the frame; 0: it was refused */
     } fates[INGEST_FATES];        /* of the last frames, in a ring */
     unsigned fate_count;          /* so many frames had a fate */
-    struct picture *kept;         /* in SEQUENCE_KEPT */
-    enum protocol_format format;  /* of its pictures; 0 before a recorder has subscribed */
+    struct sent_image *kept;         /* in SEQUENCE_KEPT */
+    enum protocol_format format;  /* of its images; 0 before a recorder has subscribed */
     bool recording;               /* its recorder has subscribed */
     int64_t touched_us;           /* when a connection last came or went */
     int64_t left_us;              /* when its recorder last left; 0: never */
@@ -133,11 +133,11 @@ uint32_t ingest_returned(struct server *s);
 /* The recorder subscribes. False: a frame of another format is under way. */
 bool ingest_record(struct server *s, struct sequence *sequence, enum protocol_format format);
 
-/* The recorder acknowledges a stored picture. True: it was the kept one. */
+/* The recorder acknowledges a stored image. True: it was the kept one. */
 bool ingest_stored(struct server *s, struct sequence *sequence, uint64_t picture);
 
-/* The picture not yet acknowledged, as a new reference; NULL: none. */
-struct picture *ingest_kept(struct server *s, const struct sequence *sequence);
+/* The image not yet acknowledged, as a new reference; NULL: none. */
+struct sent_image *ingest_kept(struct server *s, const struct sequence *sequence);
 
 /* {lock} Fills in producers and recorders. Any thread. */
 void ingest_demand(const struct ingest *g, struct server_demand *out);
@@ -145,7 +145,7 @@ void ingest_demand(const struct ingest *g, struct server_demand *out);
 /* The producer ends its stream (sequence NULL: live). */
 void ingest_end(struct server *s, struct sequence *sequence);
 
-/* Whether the stream has ended and all its pictures are stored; *stored: how many. */
+/* Whether the stream has ended and all its images are stored; *stored: how many. */
 bool ingest_is_over(struct server *s, const struct sequence *sequence, uint64_t *stored);
 
 struct timespec ingest_later(struct timespec t, int ms); /* t plus so many milliseconds, 0 or more */

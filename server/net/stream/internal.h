@@ -11,7 +11,7 @@
 #include "net/stream/guests.h"
 #include "net/stream/ingest.h"
 #include "net/stream/limits.h"
-#include "net/stream/pixel_probe.h"
+#include "net/stream/pixel_inspector.h"
 #include "net/stream/prometheus.h"
 #include "net/stream/server.h"
 
@@ -19,15 +19,15 @@
 #include <pthread.h>
 #include <stdatomic.h>
 
-/* Kinds of picture, each with its own newest picture and sequence numbers: JPEG and EXR formats, JPEG at half and
+/* Kinds of image, each with its own newest image and sequence numbers: JPEG and EXR formats, JPEG at half and
  * quarter size, the tracks of H.264, and renditions. A kind is an enum protocol_format or one of these. */
 #define STREAM_JPEG_HALF (PROTOCOL_CHANGES + 1)
 #define STREAM_JPEG_QUARTER (PROTOCOL_CHANGES + 2)
 #define STREAM_TRACKS (PROTOCOL_CHANGES + 3)              /* the first of them */
 #define STREAM_RENDITIONS (STREAM_TRACKS + SERVER_TRACKS) /* likewise, of renditions */
 #define STREAM_KINDS (STREAM_RENDITIONS + SERVER_RENDITIONS)
-#define STREAM_CHAIN 16                    /* H.264 pictures kept for viewers that are behind */
-#define STREAM_CHUNK ((size_t)64 << 10)    /* one fragment of a picture */
+#define STREAM_CHAIN 16                    /* H.264 images kept for viewers that are behind */
+#define STREAM_CHUNK ((size_t)64 << 10)    /* one fragment of an image */
 #define STREAM_UNSENT (128 << 10)          /* maximum unsent bytes in the kernel: these cannot be skipped */
 #define STREAM_RECEIVE ((size_t)128 << 10) /* largest piece received at once */
 #define STREAM_OUTBOX 256                  /* text messages waiting for one client: more than STREAM_BURST answers */
@@ -43,7 +43,7 @@ enum {
     STREAM_SILENT_US = 5000000,  /* another producer may replace one silent for this long */
     STREAM_ABSENT_US = 10000000, /* a recorder that left keeps its name for this long */
     STREAM_GRANT_US = 2000,      /* between two grants of credit, so that small frames cannot flood */
-    STREAM_LAG_US = 500000,      /* an H.264 viewer further behind skips to the newest picture */
+    STREAM_LAG_US = 500000,      /* an H.264 viewer further behind skips to the newest image */
 };
 
 /* Rate limit of a client's text messages: a token bucket. */
@@ -72,10 +72,10 @@ struct viewer {
     enum server_role role;
     bool subscribed;
     struct message wish; /* the last subscribe */
-    unsigned kind;       /* kind of picture that this selects at the present size */
+    unsigned kind;       /* kind of image that this selects at the present size */
     int64_t since_us;    /* when it last started or resumed watching */
 
-    struct picture *current; /* being sent, or NULL */
+    struct sent_image *current; /* being sent, or NULL */
     bool repeated;           /* current is older than since_us */
     size_t offset;           /* bytes of current handed to libwebsockets */
     struct {
@@ -83,11 +83,11 @@ struct viewer {
         int64_t placed_us; /* monotonic */
     } unacked[PROTOCOL_CREDIT_H264];
     unsigned unacked_count;
-    uint64_t begun;    /* sequence of the last picture begun, of the present kind */
-    bool chained;      /* H.264: it can decode picture begun + 1 */
-    uint64_t outdated; /* acks up to this sequence may mean pictures of a kind watched before */
+    uint64_t begun;    /* sequence of the last image begun, of the present kind */
+    bool chained;      /* H.264: it can decode image begun + 1 */
+    uint64_t outdated; /* acks up to this sequence may mean images of a kind watched before */
     uint64_t sent, skipped;
-    int64_t due_us; /* no picture before this time: the viewer's max_rate */
+    int64_t due_us; /* no image before this time: the viewer's max_rate */
     lws_sorted_usec_list_t pace;
 
     struct sequence *sequence; /* of a lockstep producer or a recorder */
@@ -179,15 +179,15 @@ struct server {
 
     atomic_bool stopping;
     atomic_bool urgent;  /* send a status at once */
-    atomic_bool resized; /* pictures changed size: viewers may need another kind */
+    atomic_bool resized; /* images changed size: viewers may need another kind */
     struct stream_counts counts;
     struct metrics metrics;
 
     pthread_mutex_t lock;
-    struct picture *latest[STREAM_KINDS];               /* {lock} NULL before the first */
+    struct sent_image *latest[STREAM_KINDS];               /* {lock} NULL before the first */
     uint64_t issued[STREAM_KINDS];                      /* {lock} the last sequence number given */
-    uint64_t begun;                                     /* {lock} calls of server_begin_picture */
-    struct picture *chain[SERVER_TRACKS][STREAM_CHAIN]; /* {lock} picture n at n % STREAM_CHAIN; NULL: not kept */
+    uint64_t begun;                                     /* {lock} calls of server_begin_image */
+    struct sent_image *chain[SERVER_TRACKS][STREAM_CHAIN]; /* {lock} image n at n % STREAM_CHAIN; NULL: not kept */
     uint32_t keys_wanted;                               /* {lock} bits 1 << track: a viewer needs a keyframe */
     uint64_t published;                                 /* {lock} */
     int64_t captured_us;                                /* {lock} of the last frame whose age was observed */
@@ -197,19 +197,19 @@ struct server {
     uint64_t last_serial;              /* {lock} of renditions */
     struct ingest ingest;              /* {lock} unless noted there */
     struct control control;            /* {lock} */
-    struct probes probes;              /* {lock} */
+    struct inspections inspections;              /* {lock} */
     struct server_figures figures;     /* {lock} */
     struct server *next;               /* {lock} the description from server_change; never runs */
 };
 
-/* picture.c: gives a picture its place in the stream, before other threads see it. Adds flags. */
-void picture_stamp(struct picture *p, uint64_t sequence, uint64_t made, int64_t published_us, uint8_t flags);
-uint64_t picture_made(const struct picture *p);                   /* server.begun when it was published */
-int picture_rendition(const struct picture *p, uint64_t *serial); /* its slot; -1: none */
-int64_t picture_placed_us(const struct picture *p);               /* when, by viewer_now_us */
+/* picture.c: gives an image its place in the stream, before other threads see it. Adds flags. */
+void image_stamp(struct sent_image *p, uint64_t sequence, uint64_t made, int64_t published_us, uint8_t flags);
+uint64_t image_made(const struct sent_image *p);                   /* server.begun when it was published */
+int image_rendition(const struct sent_image *p, uint64_t *serial); /* its slot; -1: none */
+int64_t image_placed_us(const struct sent_image *p);               /* when, by viewer_now_us */
 
-/* server.c: the kind of a picture; {lock} the kind for a subscription: the largest size that fits. */
-unsigned picture_kind(const struct picture *p);
+/* server.c: the kind of an image; {lock} the kind for a subscription: the largest size that fits. */
+unsigned image_kind(const struct sent_image *p);
 unsigned subscribed_kind(const struct server *s, const struct message *wish);
 
 /* server.c: a server from its description, not started. *e: as server_create; free it in every case. NULL: ERR_NOMEM.
@@ -223,17 +223,17 @@ void server_take_change(struct server *s);
 /* change.c, thread: the owner of the certificate. Logs its expiry, as a warning if it is soon. */
 void server_log_certificate(const struct server *s);
 
-/* server.c: {lock} makes the picture the newest of its kind. The caller releases the one before, which it returns. */
-struct picture *server_place(struct server *s, struct picture *p, uint8_t flags);
+/* server.c: {lock} makes the image the newest of its kind. The caller releases the one before, which it returns. */
+struct sent_image *server_place(struct server *s, struct sent_image *p, uint8_t flags);
 
-/* chain.c: H.264 pictures, each of which needs the one before unless it is a keyframe. All {lock}. */
-void chain_place(struct server *s, struct picture *p); /* keeps it if watched, with a new reference */
-void chains_clear(struct server *s, uint32_t watched); /* drops the pictures of tracks not in `watched` */
-/* The viewer's next picture: the next of its chain, or else the newest keyframe. Not referenced; NULL: none. */
-struct picture *chain_next(const struct server *s, const struct viewer *v);
+/* chain.c: H.264 images, each of which needs the one before unless it is a keyframe. All {lock}. */
+void chain_place(struct server *s, struct sent_image *p); /* keeps it if watched, with a new reference */
+void chains_clear(struct server *s, uint32_t watched); /* drops the images of tracks not in `watched` */
+/* The viewer's next image: the next of its chain, or else the newest keyframe. Not referenced; NULL: none. */
+struct sent_image *chain_next(const struct server *s, const struct viewer *v);
 uint64_t chain_newest(struct server *s, unsigned track); /* the last sequence number; takes the lock itself */
-/* Whether p may begin before pictures under way are acknowledged. */
-bool chain_may_begin(const struct server *s, const struct viewer *v, const struct picture *p);
+/* Whether p may begin before images under way are acknowledged. */
+bool chain_may_begin(const struct server *s, const struct viewer *v, const struct sent_image *p);
 /* Requests a keyframe if the viewer cannot continue without one. */
 void chain_ask(struct server *s, const struct viewer *v);
 
@@ -313,15 +313,15 @@ void viewer_request_write(struct viewer *v);     /* requests a write callback */
 void viewer_queue(struct viewer *v, char *text); /* queues a message, takes it over; NULL: nothing */
 void viewer_close(struct viewer *v, uint16_t code, const char *text); /* closes after the queued messages */
 void viewer_send_error(struct viewer *v, const struct fault *fault);  /* sends the error, and closes if it is fatal */
-/* The viewer's next picture, not begun yet, as a new reference; NULL: none. */
-struct picture *viewer_next_picture(struct viewer *v);
+/* The viewer's next image, not begun yet, as a new reference; NULL: none. */
+struct sent_image *viewer_next_image(struct viewer *v);
 /* Counts a message. Whether it is one too many: a token bucket of STREAM_BURST messages, refilled at STREAM_RATE per
  * second. */
 bool viewer_too_fast(struct viewer *v, int64_t now_us);
-/* When a viewer's next picture is due after one at now_us that was due at due_us, at so many a second, 0 for any. A
+/* When a viewer's next image is due after one at now_us that was due at due_us, at so many a second, 0 for any. A
  * delay below one interval is made up for, so that the average rate holds. */
 int64_t viewer_due(int64_t due_us, int64_t now_us, double rate);
-/* Whether a picture may begin now. If only the viewer's rate forbids it, schedules a write for later. */
+/* Whether an image may begin now. If only the viewer's rate forbids it, schedules a write for later. */
 bool viewer_may_begin(struct viewer *v);
 int viewer_write(struct viewer *v); /* one write; -1: close the connection */
 
@@ -338,10 +338,10 @@ void producer_tick(struct viewer *v, int64_t now_us);
 void producer_leave(struct viewer *v); /* closed or replaced: frees the frame being received */
 void producers_send(struct server *s); /* sends fates and credit that are due */
 
-/* recorder.c, thread: service. A recorder is a viewer that gets every picture of one lockstep sequence. */
+/* recorder.c, thread: service. A recorder is a viewer that gets every image of one lockstep sequence. */
 void recorder_hello(struct viewer *v, const struct message *m, struct welcome *w, struct fault *fault);
 bool recorder_subscribe(struct viewer *v, const struct message *m, struct fault *fault);
-/* received: the picture was sent to v, and not acknowledged before. */
+/* received: the image was sent to v, and not acknowledged before. */
 void recorder_ack(struct viewer *v, const struct message *m, bool received, struct fault *fault);
 void recorder_send_end(struct viewer *v); /* sends the end of its sequence, if over */
 void recorder_leave(struct viewer *v);
@@ -352,12 +352,12 @@ void controls_tell(struct server *s);     /* sends answers */
 bool control_due(const struct viewer *v); /* whether v needs the present settings */
 char *control_text(struct viewer *v);     /* that message; NULL: out of memory */
 
-/* pixel_probe.c, thread: service. */
-void probe_take(struct viewer *v, const struct message *m, struct fault *fault); /* a question */
-void probe_leave(struct viewer *v);                                              /* it is closed */
-void probes_send(struct server *s);                                              /* sends answers */
-bool probe_due(const struct viewer *v); /* whether v needs the radiance of its pixel */
-char *probe_text(struct viewer *v);     /* that message; NULL: out of memory, or none */
+/* pixel_inspection.c, thread: service. */
+void inspect_take(struct viewer *v, const struct message *m, struct fault *fault); /* a question */
+void inspect_leave(struct viewer *v);                                              /* it is closed */
+void inspections_send(struct server *s);                                              /* sends answers */
+bool inspect_due(const struct viewer *v); /* whether v needs the radiance of its pixel */
+char *inspect_text(struct viewer *v);     /* that message; NULL: out of memory, or none */
 
 /* flood.c, thread: service. Begins to count; a piece of a message was received; closes v if it sent too much else. */
 void flood_begin(struct viewer *v);
@@ -366,13 +366,13 @@ void flood_check(struct viewer *v);
 
 /* viewer.c, thread: service. Whether v may be a client; if not, it is told so and closed. */
 bool viewer_has_room(struct viewer *v);
-void viewers_wake(struct server *s);       /* new pictures or states: requests writes */
+void viewers_wake(struct server *s);       /* new images or states: requests writes */
 void viewers_tick(struct server *s);       /* twice a second: statuses and time limits */
 void viewers_leave(struct server *s);      /* tells all clients that the server stops */
 void viewers_demand(struct server *s);     /* sums up what viewers want */
 void viewer_limit_unsent(struct lws *wsi); /* of a connection, to STREAM_UNSENT */
 
-/* A request for pictures by plain HTTP: for one, or for a stream. */
+/* A request for images by plain HTTP: for one, or for a stream. */
 struct watcher {
     struct server *server;
     struct watcher *next; /* in server->watchers */
@@ -381,21 +381,21 @@ struct watcher {
     char peer[VISITOR_NAME];
     const struct resource *resource;
     bool head;                  /* without a body */
-    unsigned kind;              /* of pictures */
-    uint64_t fresh;             /* older pictures (picture_made) do not count */
-    int64_t opened_us, sent_us; /* the latter: when the last picture had been sent */
+    unsigned kind;              /* of images */
+    uint64_t fresh;             /* older images (image_made) do not count */
+    int64_t opened_us, sent_us; /* the latter: when the last image had been sent */
     int64_t moved_us;           /* as in struct viewer */
     bool waiting, answered, closing;
 
-    struct picture *current; /* being sent, or NULL */
+    struct sent_image *current; /* being sent, or NULL */
     size_t offset;           /* bytes of it passed to libwebsockets */
-    bool again;              /* the same picture is due again, for proxies that expect bytes */
+    bool again;              /* the same image is due again, for proxies that expect bytes */
     uint64_t begun, sent, skipped;
 };
 
 #define WATCHER_PATHS "/snapshot.jpg, .png and .exr, /stream.mjpeg"
 
-/* watcher.c, thread: service. Whether path has pictures; the answer, as http_respond_text; one write. */
+/* watcher.c, thread: service. Whether path has images; the answer, as http_respond_text; one write. */
 bool watcher_knows(const char *path);
 int watcher_request(struct server *s, struct lws *wsi, const char *path, bool head);
 int watcher_write(struct watcher *w);
@@ -406,5 +406,5 @@ void watchers_wake(struct server *s);    /* as viewers_... */
 void watchers_tick(struct server *s);
 void watchers_demand(const struct server *s, struct server_demand *d); /* {lock} */
 
-/* watcher.c: {lock} whether the picture is of its slot's present use. */
-bool rendition_is_wanted(const struct server *s, const struct picture *p);
+/* watcher.c: {lock} whether the image is of its slot's present use. */
+bool rendition_is_wanted(const struct server *s, const struct sent_image *p);

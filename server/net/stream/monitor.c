@@ -1,5 +1,5 @@
 /* /healthz, /readyz and /metrics. The first two are open to everyone who can reach the port and reveal nothing else.
- * /metrics has counts and times, but no names, addresses or pictures. On loopback it is open too; elsewhere it requires
+ * /metrics has counts and times, but no names, addresses or images. On loopback it is open too; elsewhere it requires
  * "Authorization: Bearer T" with its own token, or the viewers' token where it has none. */
 #include "net/stream/internal.h"
 

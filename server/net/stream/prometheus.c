@@ -99,7 +99,7 @@ static const char *const kinds[METRICS_KINDS] = {
     [STREAM_TRACKS + 1] = "format=\"h264\",size=\"quarter\"",
     [METRICS_KINDS - 1] = "format=\"rendition\",size=\"any\"",
 };
-_Static_assert(METRICS_KINDS == STREAM_TRACKS + SERVER_SCALES, "a kind of picture has no counter");
+_Static_assert(METRICS_KINDS == STREAM_TRACKS + SERVER_SCALES, "a kind of image has no counter");
 
 unsigned metrics_kind(unsigned kind)
 {
@@ -145,11 +145,11 @@ struct snapshot {
     struct server_figures figures;
     uint64_t skipped_slow, skipped_rate, scrapes;
     double loop_most_s, loop_late_s;
-    /* Connections by role; the last: no hello yet. Subscriptions by kind of picture. */
+    /* Connections by role; the last: no hello yet. Subscriptions by kind of image. */
     uint32_t role[SERVER_ROLES + 1], kind[METRICS_KINDS], paused, recorders, outbox, unacked, sending, max_connections;
     uint32_t arriving;                 /* connections before hello */
-    uint32_t snapshots, streams;       /* requests for pictures by plain HTTP */
-    uint32_t pushed, controls, probes; /* waiting for a thread */
+    uint32_t snapshots, streams;       /* requests for images by plain HTTP */
+    uint32_t pushed, controls, inspections; /* waiting for a thread */
     double processor_s, resident_bytes, virtual_bytes, started_s, threads, open_files, most_files;
 };
 
@@ -225,9 +225,9 @@ static const struct figure table[] = {
     ROW("relightd_messages_waiting", "Text messages waiting for their connection.", U32, outbox),
     ROW(QUEUE "{queue=\"received\"}", "Items waiting for a thread.", U32, pushed),
     ROW(QUEUE "{queue=\"decoded\"}", NULL, U32, figures.frames_waiting),
-    ROW(QUEUE "{queue=\"shaded\"}", NULL, U32, figures.pictures_waiting),
+    ROW(QUEUE "{queue=\"shaded\"}", NULL, U32, figures.images_waiting),
     ROW(QUEUE "{queue=\"control\"}", NULL, U32, controls),
-    ROW(QUEUE "{queue=\"probes\"}", NULL, U32, probes),
+    ROW(QUEUE "{queue=\"probes\"}", NULL, U32, inspections),
     { NULL, NULL, NULL, FIGURE_BOOL, 0 },
 };
 
@@ -289,7 +289,7 @@ static void take_snapshot(struct server *s, struct snapshot *n)
     n->figures = s->figures;
     n->pushed = s->ingest.live.full + s->ingest.lockstep.full;
     n->controls = s->control.waiting_count;
-    n->probes = s->probes.waiting_count;
+    n->inspections = s->inspections.waiting_count;
     pthread_mutex_unlock(&s->lock);
 }
 
@@ -330,7 +330,7 @@ static void print_states(struct text *t, const struct server *s, const struct se
     }
 }
 
-/* Where live pictures are published. */
+/* Where live images are published. */
 static void print_publish(struct text *t, const struct server_figures *f)
 {
     static const struct {

@@ -10,7 +10,7 @@
 #include <stdint.h>
 
 #define METRICS_BOUNDS 13
-#define METRICS_KINDS (PROTOCOL_CHANGES + 6) /* of pictures: H.264 by size only, not by rate; renditions as one */
+#define METRICS_KINDS (PROTOCOL_CHANGES + 6) /* of images: H.264 by size only, not by rate; renditions as one */
 
 struct histogram {
     atomic_uint_fast64_t bucket[METRICS_BOUNDS + 1]; /* not cumulative; the last is above all bounds */
@@ -19,9 +19,9 @@ struct histogram {
 
 struct metrics {
     struct histogram timing[SERVER_TIMINGS];
-    struct histogram encode[METRICS_KINDS];          /* SERVER_ENCODE, by kind of picture */
+    struct histogram encode[METRICS_KINDS];          /* SERVER_ENCODE, by kind of image */
     atomic_uint_fast64_t faults[FAULT_CODES];        /* protocol errors */
-    atomic_uint_fast64_t published[METRICS_KINDS];   /* pictures, by kind */
+    atomic_uint_fast64_t published[METRICS_KINDS];   /* images, by kind */
     atomic_uint_fast64_t sent[METRICS_KINDS];        /* whole, to any viewer */
     atomic_uint_fast64_t skipped_slow, skipped_rate; /* because a viewer was slow, or limits its rate */
     atomic_uint_fast64_t scrapes;

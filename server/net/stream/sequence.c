@@ -5,9 +5,9 @@
 
 #include <string.h>
 
-#define ABANDONED_US ((int64_t)600 * 1000000) /* an unfetched picture older than this may be dropped */
+#define ABANDONED_US ((int64_t)600 * 1000000) /* an unfetched image older than this may be dropped */
 
-/* {lock} A sequence may be forgotten when nobody is connected and no picture waits, or it was abandoned long ago. */
+/* {lock} A sequence may be forgotten when nobody is connected and no image waits, or it was abandoned long ago. */
 static bool may_forget(const struct sequence *q, int64_t now_us)
 {
     if (q->producer || q->recorder || q->stage == SEQUENCE_WAITING || q->stage == SEQUENCE_WORKING)
@@ -15,7 +15,7 @@ static bool may_forget(const struct sequence *q, int64_t now_us)
     return q->stage == SEQUENCE_IDLE || now_us - q->touched_us > ABANDONED_US;
 }
 
-/* {lock} Whether to forget a before b: first those without a kept picture, then the oldest. */
+/* {lock} Whether to forget a before b: first those without a kept image, then the oldest. */
 static bool rather(const struct sequence *a, const struct sequence *b)
 {
     if (!b || (a->stage == SEQUENCE_IDLE) != (b->stage == SEQUENCE_IDLE))
@@ -73,7 +73,7 @@ static void take_back(struct server *s, const struct visitor *by)
 
 struct sequence *ingest_sequence(struct server *s, const char *name, const struct visitor *by, int64_t now_us)
 {
-    struct picture *lost = NULL;
+    struct sent_image *lost = NULL;
 
     pthread_mutex_lock(&s->lock);
     struct sequence *q = choose(&s->ingest, name, now_us);
@@ -95,14 +95,14 @@ struct sequence *ingest_sequence(struct server *s, const char *name, const struc
     if (q)
         q->touched_us = now_us;
     pthread_mutex_unlock(&s->lock);
-    picture_unref(lost);
+    image_unref(lost);
     return q;
 }
 
 bool ingest_record(struct server *s, struct sequence *q, enum protocol_format format)
 {
     pthread_mutex_lock(&s->lock);
-    /* A frame under way becomes a picture of the format requested when it was accepted. */
+    /* A frame under way becomes an image of the format requested when it was accepted. */
     const bool may = q->stage == SEQUENCE_IDLE || q->format == format;
     if (may) {
         q->format = format;
@@ -114,10 +114,10 @@ bool ingest_record(struct server *s, struct sequence *q, enum protocol_format fo
 
 bool ingest_stored(struct server *s, struct sequence *q, uint64_t picture)
 {
-    struct picture *done = NULL;
+    struct sent_image *done = NULL;
 
     pthread_mutex_lock(&s->lock);
-    if (q->stage == SEQUENCE_KEPT && picture_header(q->kept)->sequence == picture) {
+    if (q->stage == SEQUENCE_KEPT && image_header(q->kept)->sequence == picture) {
         done = q->kept;
         q->kept = NULL;
         q->stage = SEQUENCE_IDLE;
@@ -126,7 +126,7 @@ bool ingest_stored(struct server *s, struct sequence *q, uint64_t picture)
         q->stored_count++;
     }
     pthread_mutex_unlock(&s->lock);
-    picture_unref(done);
+    image_unref(done);
     return done != NULL;
 }
 
@@ -161,10 +161,10 @@ bool ingest_is_over(struct server *s, const struct sequence *q, uint64_t *stored
     return over;
 }
 
-struct picture *ingest_kept(struct server *s, const struct sequence *q)
+struct sent_image *ingest_kept(struct server *s, const struct sequence *q)
 {
     pthread_mutex_lock(&s->lock);
-    struct picture *p = q->stage == SEQUENCE_KEPT ? picture_ref(q->kept) : NULL;
+    struct sent_image *p = q->stage == SEQUENCE_KEPT ? image_ref(q->kept) : NULL;
     pthread_mutex_unlock(&s->lock);
     return p;
 }

@@ -235,7 +235,7 @@ static uint32_t share_descriptors(struct server *s)
     return allowed;
 }
 
-/* Describes context and vhost: no extensions (permessage-deflate of 4.1.6 has known faults, and pictures do not
+/* Describes context and vhost: no extensions (permessage-deflate of 4.1.6 has known faults, and images do not
  * compress), bounded tables, short time-outs. */
 static struct lws_context *context_create(struct server *s, const struct address *a, uint16_t port)
 {
@@ -404,7 +404,7 @@ void server_destroy(struct server *s)
     if (s->context)
         lws_context_destroy(s->context); /* calls back for every open connection */
     for (int k = 0; k < STREAM_KINDS; k++)
-        picture_unref(s->latest[k]);
+        image_unref(s->latest[k]);
     for (int r = 0; r < SERVER_ROLES; r++)
         mem_free(s->tokens[r]);
     mem_free(s->token_metrics);
@@ -418,7 +418,7 @@ void server_destroy(struct server *s)
     chains_clear(s, 0);
     message_free(s->status);
     message_free(s->control.shared);
-    probes_finish(&s->probes);
+    inspections_finish(&s->inspections);
     ingest_finish(&s->ingest);
     site_finish(&s->site);
     pthread_mutex_destroy(&s->lock);
@@ -435,16 +435,16 @@ const char *server_url(const struct server *s)
     return s->url;
 }
 
-unsigned picture_kind(const struct picture *p)
+unsigned image_kind(const struct sent_image *p)
 {
-    const struct protocol_picture *header = picture_header(p);
+    const struct protocol_picture *header = image_header(p);
     uint64_t serial;
-    const int rendition = picture_rendition(p, &serial);
+    const int rendition = image_rendition(p, &serial);
 
     if (rendition >= 0)
         return STREAM_RENDITIONS + (unsigned)rendition;
     if (header->format == PROTOCOL_H264)
-        return STREAM_TRACKS + picture_track(p);
+        return STREAM_TRACKS + image_track(p);
     if (header->format == PROTOCOL_JPEG && header->flags & PROTOCOL_PICTURE_HALF)
         return STREAM_JPEG_HALF;
     if (header->format == PROTOCOL_JPEG && header->flags & PROTOCOL_PICTURE_QUARTER)
@@ -484,7 +484,7 @@ unsigned subscribed_kind(const struct server *s, const struct message *wish)
     return scale == 0 ? PROTOCOL_JPEG : scale == 1 ? STREAM_JPEG_HALF : STREAM_JPEG_QUARTER;
 }
 
-/* A frame's first picture gives its age; repeated and refined pictures have no new times. */
+/* A frame's first image gives its age; repeated and refined images have no new times. */
 static void observe(struct server *s, unsigned kind, const struct protocol_picture *h)
 {
     struct metrics *m = &s->metrics;
@@ -500,33 +500,33 @@ static void observe(struct server *s, unsigned kind, const struct protocol_pictu
     server_observe(s, SERVER_CAPTURED, 1e-6 * (double)(h->published_us - h->capture_us));
 }
 
-struct picture *server_place(struct server *s, struct picture *p, uint8_t flags)
+struct sent_image *server_place(struct server *s, struct sent_image *p, uint8_t flags)
 {
-    const unsigned kind = picture_kind(p);
+    const unsigned kind = image_kind(p);
 
     assert(kind >= PROTOCOL_JPEG && kind < STREAM_KINDS);
     if (kind >= STREAM_RENDITIONS && !rendition_is_wanted(s, p))
         return p; /* its slot has another use by now */
-    struct picture *old = s->latest[kind];
-    picture_stamp(p, ++s->issued[kind], s->begun, clock_wall_us(), flags);
+    struct sent_image *old = s->latest[kind];
+    image_stamp(p, ++s->issued[kind], s->begun, clock_wall_us(), flags);
     s->latest[kind] = p;
-    observe(s, kind, picture_header(p));
+    observe(s, kind, image_header(p));
     if (kind >= STREAM_TRACKS && kind < STREAM_RENDITIONS)
         chain_place(s, p);
     s->published++;
     return old;
 }
 
-void server_publish(struct server *s, struct picture *picture)
+void server_publish(struct server *s, struct sent_image *picture)
 {
     pthread_mutex_lock(&s->lock);
-    struct picture *old = server_place(s, picture, 0);
+    struct sent_image *old = server_place(s, picture, 0);
     pthread_mutex_unlock(&s->lock);
-    picture_unref(old);
+    image_unref(old);
     lws_cancel_service(s->context); /* the only libwebsockets call allowed on other threads */
 }
 
-void server_begin_picture(struct server *s)
+void server_begin_image(struct server *s)
 {
     pthread_mutex_lock(&s->lock);
     s->begun++;

@@ -1,6 +1,6 @@
 /* HTTP and WebSocket on one port: the viewer page, /healthz, /readyz, /metrics, and relight.v1 (protocol/PROTOCOL.md)
- * on /ws. A separate thread, the service thread, owns all sockets. Other threads pass it immutable pictures and
- * figures; the newest picture wins, slow viewers skip pictures, and no call waits for a viewer. Unless noted, any
+ * on /ws. A separate thread, the service thread, owns all sockets. Other threads pass it immutable images and
+ * figures; the newest image wins, slow viewers skip images, and no call waits for a viewer. Unless noted, any
  * thread may call any function while the server exists. */
 #pragma once
 
@@ -8,7 +8,7 @@
 #include "image/codec/frame.h"
 #include "net/access/figures.h"
 #include "net/message/terms.h"
-#include "net/stream/picture.h"
+#include "net/stream/sent_image.h"
 
 #include <stdatomic.h>
 #include <stdbool.h>
@@ -69,9 +69,9 @@ MUST_CHECK enum err server_change(struct server *s, const struct server_desc *de
 uint16_t server_port(const struct server *s);
 const char *server_url(const struct server *s); /* "http://127.0.0.1:8080/", to print; owned by s */
 
-/* H.264 comes in tracks, each its own chain of pictures: three scales (full, half and quarter size) times eight rates
+/* H.264 comes in tracks, each its own chain of images: three scales (full, half and quarter size) times eight rates
  * (unlimited, 60 per second, 30, ...). The caller encodes the tracks with viewers (server_demand) at their rates,
- * because no picture of a chain can be skipped later. */
+ * because no image of a chain can be skipped later. */
 #define SERVER_SCALES 3
 #define SERVER_RATES 8
 #define SERVER_TRACKS (SERVER_SCALES * SERVER_RATES)
@@ -85,9 +85,9 @@ static inline unsigned server_track_scale(unsigned track)
 /* The tracks of one scale, as bits 1 << track. */
 #define SERVER_TRACKS_OF(scale) (((1u << SERVER_RATES) - 1) << ((scale)*SERVER_RATES))
 
-double server_track_rate(unsigned track); /* pictures per second; 0: no limit */
+double server_track_rate(unsigned track); /* images per second; 0: no limit */
 
-/* Plain HTTP serves pictures in more formats and widths than viewers get: renditions. Each width of each format has a
+/* Plain HTTP serves images in more formats and widths than viewers get: renditions. Each width of each format has a
  * slot while there are requests for it, and the caller makes the renditions listed in server_demand. */
 #define SERVER_RENDITIONS 8
 enum server_image {
@@ -98,24 +98,24 @@ enum server_image {
 };
 struct server_rendition {
     enum server_image image; /* SERVER_NO_IMAGE: the slot is free */
-    bool still;              /* only single pictures are requested, no stream */
-    uint32_t width;          /* maximum; 0: the picture's width */
-    uint64_t serial;         /* increases with each new use of a slot: for picture_set_rendition */
+    bool still;              /* only single images are requested, no stream */
+    uint32_t width;          /* maximum; 0: the image's width */
+    uint64_t serial;         /* increases with each new use of a slot: for image_set_rendition */
 };
 
-/* The caller starts to encode another picture: pictures published earlier are now outdated. */
-void server_begin_picture(struct server *s);
+/* The caller starts to encode another image: images published earlier are now outdated. */
+void server_begin_image(struct server *s);
 
-/* Gives the picture its sequence number and time and offers it to all viewers of its format. Takes over the caller's
- * reference. A picture is published once, to one server. */
-void server_publish(struct server *s, struct picture *picture);
+/* Gives the image its sequence number and time and offers it to all viewers of its format. Takes over the caller's
+ * reference. An image is published once, to one server. */
+void server_publish(struct server *s, struct sent_image *picture);
 
 /* ---- Frames that producers push ---- */
 
 /* Identifies a taken frame until its fate is reported. id 0: no frame, for which the calls below do nothing. */
 struct server_ticket {
     uint64_t id;
-    bool lockstep; /* gets exactly one picture, reproducibly */
+    bool lockstep; /* gets exactly one image, reproducibly */
 };
 
 /* Waits for a frame from a producer: the newest complete one, or that of a lockstep sequence. Moves its memory into *f
@@ -128,10 +128,10 @@ bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *
  * superseded. A second call for the same frame does nothing. why may be NULL. */
 void server_frame_fate(struct server *s, const struct server_ticket *ticket, enum server_fate fate, const char *why);
 
-/* As server_publish, for a picture of that frame; also reports SERVER_USED. For a lockstep frame only the picture in
+/* As server_publish, for an image of that frame; also reports SERVER_USED. For a lockstep frame only the image in
  * the recorder's format (server_demand) does that; it is kept until the recorder acknowledges it as stored, which
  * returns the producer's credit. */
-void server_publish_for(struct server *s, struct picture *picture, const struct server_ticket *ticket);
+void server_publish_for(struct server *s, struct sent_image *picture, const struct server_ticket *ticket);
 
 /* ---- What controllers ask for ---- */
 
@@ -150,18 +150,19 @@ void server_set_control(struct server *s, const void *values, const struct serve
 /* ---- Questions about a pixel ---- */
 
 /* The next query. False: none. */
-bool server_take_probe(struct server *s, struct server_probe *out);
+bool server_take_inspection(struct server *s, struct server_inspection *out);
 
 /* Answers a query: text is a JSON object, copied; NULL: none, and error gives the reason. The caller must answer every
  * query that it takes. */
-void server_answer_probe(struct server *s, const struct server_probe *asked, const char *text, const char *error);
+void server_answer_inspection(struct server *s, const struct server_inspection *asked, const char *text,
+                              const char *error);
 
-/* The pixels that clients follow from picture to picture. Returns their number. */
+/* The pixels that clients follow from image to image. Returns their number. */
 #define SERVER_FOLLOWED_MAX 32
 /* Copies them to out. Any thread. */
 uint32_t server_followed(struct server *s, struct server_follow out[SERVER_FOLLOWED_MAX]);
 
-/* Copies *r, a picture's radiance at a followed pixel, for the client that follows f; does nothing if it no longer
+/* Copies *r, an image's radiance at a followed pixel, for the client that follows f; does nothing if it no longer
  * follows. Any thread. */
 void server_send_radiance(struct server *s, const struct server_follow *f, const struct server_radiance *r);
 
@@ -175,12 +176,12 @@ void server_set_figures(struct server *s, const struct server_figures *figures);
 struct server_demand {
     uint32_t viewers;      /* subscribed and not paused */
     uint32_t formats;      /* formats with viewers, as bits 1 << enum protocol_format */
-    bool halves, quarters; /* JPEG at half or quarter size has viewers (flags of the picture's header) */
+    bool halves, quarters; /* JPEG at half or quarter size has viewers (flags of the image's header) */
     uint32_t h264;         /* H.264 tracks with viewers, as bits 1 << track */
     uint32_t h264_keys;    /* of these, tracks that need a keyframe (flag of its header) */
     struct server_rendition renditions[SERVER_RENDITIONS];
     int jpeg_quality; /* the highest requested, 1..100; 0: none requested */
-    double max_rate;  /* the highest requested, pictures per second; 0: no limit */
+    double max_rate;  /* the highest requested, images per second; 0: no limit */
 
     bool producer; /* a producer is connected */
     bool ended;    /* the last producer ended its stream */
@@ -201,7 +202,7 @@ void server_beat(struct server *s);
 
 struct server_health {
     bool alive;               /* the service thread and the shade thread make progress */
-    bool ready;               /* alive, and a new viewer will get a picture */
+    bool ready;               /* alive, and a new viewer will get an image */
     const char *reason;       /* why not alive or ready, static; "ok" otherwise */
     int64_t loop_ms, beat_ms; /* time since the last sign of each; beat_ms -1: server_beat was never called */
 };
@@ -214,9 +215,9 @@ enum server_timing {
     SERVER_DECODE, /* from bytes to sampling tables */
     SERVER_QUEUE,  /* waiting to be lit */
     SERVER_SHADE,
-    SERVER_ENCODE,    /* one picture in one format */
-    SERVER_CAPTURED,  /* from capture to the publication of the first picture, by wall clock */
-    SERVER_SENT,      /* from publication until the kernel has the whole picture */
+    SERVER_ENCODE,    /* one image in one format */
+    SERVER_CAPTURED,  /* from capture to the publication of the first image, by wall clock */
+    SERVER_SENT,      /* from publication until the kernel has the whole image */
     SERVER_DISPLAYED, /* from publication until the viewer shows it */
     SERVER_LOOP,      /* one piece of work of the service thread */
     SERVER_TIMINGS,
@@ -231,11 +232,11 @@ struct server_counters {
     uint64_t open;        /* of these, still open */
     uint64_t refused;     /* handshakes and connections refused */
     uint64_t errors;      /* protocol errors, fatal or not */
-    uint64_t published;   /* pictures */
-    uint64_t sent;        /* whole pictures, to any viewer */
-    uint64_t skipped;     /* pictures that a viewer skipped: slow, paused or rate-limited */
+    uint64_t published;   /* images */
+    uint64_t sent;        /* whole images, to any viewer */
+    uint64_t skipped;     /* images that a viewer skipped: slow, paused or rate-limited */
     uint64_t acked;
-    uint64_t bytes;   /* of pictures passed to the kernel */
+    uint64_t bytes;   /* of images passed to the kernel */
     uint64_t stalled; /* connections closed because they took no bytes */
     uint64_t crowded; /* of those refused: the address had too many */
     uint64_t wrong_tokens;
@@ -243,7 +244,7 @@ struct server_counters {
 
     /* Environment frames from producers. */
     uint64_t frames_received;   /* whole */
-    uint64_t frames_superseded; /* of these, by a newer one before a picture was made */
+    uint64_t frames_superseded; /* of these, by a newer one before an image was made */
     uint64_t frames_refused;    /* of these */
     uint64_t frames_repeated;   /* of these, lockstep frames that had been received before */
     uint64_t frames_cut;        /* begun and never completed */

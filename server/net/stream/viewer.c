@@ -100,10 +100,10 @@ static void close_viewer(struct viewer *v)
     *link = v->next;
     producer_leave(v);
     recorder_leave(v);
-    probe_leave(v);
+    inspect_leave(v);
     atomic_fetch_sub(&s->counts.open, 1);
     lws_sul_cancel(&v->pace);
-    picture_unref(v->current);
+    image_unref(v->current);
     while (v->outbox_count > 0)
         message_free(v->outbox[--v->outbox_count]);
     mem_free(v);
@@ -120,13 +120,13 @@ void viewers_wake(struct server *s)
     if (resized)
         viewers_demand(s);
     controls_tell(s);
-    probes_send(s);
+    inspections_send(s);
     producers_send(s);
     for (struct viewer *v = s->viewers; v; v = v->next) {
         if (urgent && v->greeted)
             v->status_due = true;
         recorder_send_end(v);
-        if (v->status_due || control_due(v) || probe_due(v) || viewer_may_begin(v))
+        if (v->status_due || control_due(v) || inspect_due(v) || viewer_may_begin(v))
             viewer_request_write(v);
     }
     watchers_wake(s);

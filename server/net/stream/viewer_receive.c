@@ -70,7 +70,7 @@ void viewer_choose(struct viewer *v)
     const unsigned kind = subscribed_kind(v->server, &v->wish);
     pthread_mutex_unlock(&v->server->lock);
     if (v->subscribed && v->kind != kind) {
-        /* Each kind of picture has its own numbers. Pictures under way need no acknowledgement any more. */
+        /* Each kind of image has its own numbers. Images under way need no acknowledgement any more. */
         v->outdated = v->begun > v->outdated ? v->begun : v->outdated;
         v->begun = 0;
         v->unacked_count = 0;
@@ -98,14 +98,14 @@ static void take_subscribe(struct viewer *v, const struct message *m, struct fau
     v->due_us = 0;
     viewer_queue(v, message_subscribed(m));
     if (!watched && !m->subscribe.paused) {
-        /* A viewer that starts or resumes gets the last picture at once and has skipped none. */
-        struct picture *p = viewer_next_picture(v);
+        /* A viewer that starts or resumes gets the last image at once and has skipped none. */
+        struct sent_image *p = viewer_next_image(v);
         if (p)
-            v->begun = picture_header(p)->sequence - 1;
+            v->begun = image_header(p)->sequence - 1;
         else if (m->subscribe.format == PROTOCOL_H264)
             v->begun = chain_newest(v->server, v->kind - STREAM_TRACKS);
         v->since_us = viewer_now_us();
-        picture_unref(p);
+        image_unref(p);
     }
     if (v->recorder) {
         producers_send(v->server);
@@ -137,7 +137,7 @@ static void take_ack(struct viewer *v, const struct message *m, struct fault *fa
                  v->unacked[i].placed_us >= v->since_us) /* else it was old then */
             server_observe(v->server, SERVER_DISPLAYED, 1e-6 * (double)(viewer_now_us() - v->unacked[i].placed_us));
     atomic_fetch_add(&v->server->counts.acked, v->unacked_count - kept);
-    /* Acks that return credit do not count for the rate limit: they cannot outnumber pictures. */
+    /* Acks that return credit do not count for the rate limit: they cannot outnumber images. */
     v->tokens += v->unacked_count > kept ? 1.0 : 0.0;
     v->unacked_count = kept;
     if (v->recorder)
@@ -205,8 +205,8 @@ static void take_message(struct viewer *v, struct message *m, struct fault *faul
     else if (m->op == MESSAGE_ACK)
         take_ack(v, m, fault);
     else if (m->op == MESSAGE_PROBE)
-        probe_take(v, m, fault);
-    else if (v->outbox_count < STREAM_PONGS) /* no more pongs than this behind a large picture on a slow line */
+        inspect_take(v, m, fault);
+    else if (v->outbox_count < STREAM_PONGS) /* no more pongs than this behind a large image on a slow line */
         viewer_queue(v, message_pong(m->ping.id, clock_wall_us()));
 }
 

@@ -63,23 +63,23 @@ void viewer_queue(struct viewer *v, char *text)
     }
 }
 
-struct picture *viewer_next_picture(struct viewer *v)
+struct sent_image *viewer_next_image(struct viewer *v)
 {
     struct server *s = v->server;
-    struct picture *p = NULL;
+    struct sent_image *p = NULL;
 
-    if (v->recorder) { /* gets its sequence's pictures only, one at a time */
+    if (v->recorder) { /* gets its sequence's images only, one at a time */
         p = v->sequence ? ingest_kept(s, v->sequence) : NULL;
-        if (p && picture_header(p)->sequence <= v->begun) {
-            picture_unref(p);
+        if (p && image_header(p)->sequence <= v->begun) {
+            image_unref(p);
             p = NULL;
         }
         return p;
     }
     pthread_mutex_lock(&s->lock);
-    struct picture *next = v->kind >= STREAM_TRACKS ? chain_next(s, v) : s->latest[v->kind];
-    if (next && picture_header(next)->sequence > v->begun)
-        p = picture_ref(next);
+    struct sent_image *next = v->kind >= STREAM_TRACKS ? chain_next(s, v) : s->latest[v->kind];
+    if (next && image_header(next)->sequence > v->begun)
+        p = image_ref(next);
     pthread_mutex_unlock(&s->lock);
     return p;
 }
@@ -91,14 +91,14 @@ static void pace_over(lws_sorted_usec_list_t *sul)
     viewer_request_write(v);
 }
 
-/* Whether the viewer has credit and a next picture. Without one, an H.264 viewer requests a keyframe. */
-static bool has_picture(struct viewer *v)
+/* Whether the viewer has credit and a next image. Without one, an H.264 viewer requests a keyframe. */
+static bool has_image(struct viewer *v)
 {
     const bool video = v->wish.subscribe.format == PROTOCOL_H264;
 
     if (v->unacked_count >= (video ? PROTOCOL_CREDIT_H264 : PROTOCOL_CREDIT))
         return false;
-    struct picture *p = viewer_next_picture(v);
+    struct sent_image *p = viewer_next_image(v);
     bool may = p != NULL;
     if (video) {
         pthread_mutex_lock(&v->server->lock);
@@ -107,13 +107,13 @@ static bool has_picture(struct viewer *v)
             chain_ask(v->server, v);
         pthread_mutex_unlock(&v->server->lock);
     }
-    picture_unref(p);
+    image_unref(p);
     return may;
 }
 
 bool viewer_may_begin(struct viewer *v)
 {
-    if (v->current || v->close_code || !v->subscribed || v->wish.subscribe.paused || !has_picture(v))
+    if (v->current || v->close_code || !v->subscribed || v->wish.subscribe.paused || !has_image(v))
         return false;
     const int64_t wait = v->due_us - viewer_now_us();
     if (wait > 0)
@@ -121,16 +121,16 @@ bool viewer_may_begin(struct viewer *v)
     return wait <= 0;
 }
 
-static void begin_picture(struct viewer *v)
+static void begin_image(struct viewer *v)
 {
-    struct picture *p = viewer_next_picture(v);
+    struct sent_image *p = viewer_next_image(v);
 
     if (!p)
         return;
-    const struct protocol_picture *header = picture_header(p);
-    /* No picture of an H.264 chain can be left out; its track has the rate. */
+    const struct protocol_picture *header = image_header(p);
+    /* No image of an H.264 chain can be left out; its track has the rate. */
     const double rate = header->format == PROTOCOL_H264 ? 0.0 : v->wish.subscribe.max_rate;
-    if (v->begun > 0 && !v->recorder) { /* a recorder's numbers have gaps for pictures of others */
+    if (v->begun > 0 && !v->recorder) { /* a recorder's numbers have gaps for images of others */
         const uint64_t skipped = header->sequence - v->begun - 1;
         v->skipped += skipped;
         atomic_fetch_add(&v->server->counts.skipped, skipped);
@@ -139,9 +139,9 @@ static void begin_picture(struct viewer *v)
     v->due_us = viewer_due(v->due_us, viewer_now_us(), rate);
     v->begun = header->sequence;
     v->chained = true;
-    v->repeated = picture_placed_us(p) < v->since_us;
+    v->repeated = image_placed_us(p) < v->since_us;
     v->unacked[v->unacked_count].sequence = header->sequence;
-    v->unacked[v->unacked_count++].placed_us = picture_placed_us(p);
+    v->unacked[v->unacked_count++].placed_us = image_placed_us(p);
     v->current = p;
     v->offset = 0;
 }
@@ -157,7 +157,7 @@ int64_t viewer_due(int64_t due_us, int64_t now_us, double rate)
 static int send_fragment(struct viewer *v)
 {
     size_t size;
-    const uint8_t *message = picture_message(v->current, &size);
+    const uint8_t *message = image_message(v->current, &size);
     const size_t left = size - v->offset, piece = left < STREAM_CHUNK ? left : STREAM_CHUNK;
     uint8_t *out = v->staging + LWS_PRE;
 
@@ -170,9 +170,9 @@ static int send_fragment(struct viewer *v)
     atomic_fetch_add(&v->server->counts.bytes, piece);
     if (v->offset == size) {
         if (!v->repeated)
-            server_observe(v->server, SERVER_SENT, 1e-6 * (double)(viewer_now_us() - picture_placed_us(v->current)));
-        atomic_fetch_add(&v->server->metrics.sent[metrics_kind(picture_kind(v->current))], 1);
-        picture_unref(v->current);
+            server_observe(v->server, SERVER_SENT, 1e-6 * (double)(viewer_now_us() - image_placed_us(v->current)));
+        atomic_fetch_add(&v->server->metrics.sent[metrics_kind(image_kind(v->current))], 1);
+        image_unref(v->current);
         v->current = NULL;
         v->sent++;
         atomic_fetch_add(&v->server->counts.sent, 1);
@@ -230,7 +230,7 @@ static int send_close(struct viewer *v)
 /* The text message that is due first, if any; messages to this viewer alone come before the status. */
 static bool text_is_due(const struct viewer *v)
 {
-    return v->outbox_count > 0 || v->status_due || control_due(v) || probe_due(v);
+    return v->outbox_count > 0 || v->status_due || control_due(v) || inspect_due(v);
 }
 
 static int send_due_text(struct viewer *v)
@@ -239,23 +239,23 @@ static int send_due_text(struct viewer *v)
         return send_outbox(v);
     if (v->status_due)
         return send_status(v);
-    return send_made(v, control_due(v) ? control_text(v) : probe_text(v));
+    return send_made(v, control_due(v) ? control_text(v) : inspect_text(v));
 }
 
-static int send_picture(struct viewer *v)
+static int send_image(struct viewer *v)
 {
     if (viewer_may_begin(v))
-        begin_picture(v);
+        begin_image(v);
     return v->current ? send_fragment(v) : 0;
 }
 
-/* libwebsockets wants one write per call. Between the fragments of a picture only a close frame may go. */
+/* libwebsockets wants one write per call. Between the fragments of an image only a close frame may go. */
 int viewer_write(struct viewer *v)
 {
     v->waiting = false;
     if (v->close_code && (v->current || v->outbox_count == 0))
         return send_close(v);
-    const int result = !v->current && text_is_due(v) ? send_due_text(v) : send_picture(v);
+    const int result = !v->current && text_is_due(v) ? send_due_text(v) : send_image(v);
     if (result == 0 && (v->current || text_is_due(v) || v->close_code || viewer_may_begin(v)))
         viewer_request_write(v);
     return result;

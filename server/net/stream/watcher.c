@@ -1,5 +1,5 @@
-/* Pictures by plain HTTP: /snapshot.jpg, .png and .exr, and /stream.mjpeg. A watcher is one such request, and counts as
- * a viewer until it is answered. It gets the newest picture whenever the connection can accept one; pictures are
+/* Images by plain HTTP: /snapshot.jpg, .png and .exr, and /stream.mjpeg. A watcher is one such request, and counts as
+ * a viewer until it is answered. It gets the newest image whenever the connection can accept one; images are
  * encoded once for all watchers and viewers of a format and width. The token is in a header, since logs record URLs. */
 #include "net/stream/internal.h"
 
@@ -19,8 +19,8 @@
 #define WIDTH_MOST 16384
 
 enum {
-    WAIT_US = 10000000,  /* for a picture to be made */
-    REPEAT_US = 5000000, /* a stream gets the last picture again: proxies close silent connections */
+    WAIT_US = 10000000,  /* for an image to be made */
+    REPEAT_US = 5000000, /* a stream gets the last image again: proxies close silent connections */
     DEAD_MS = 25000,     /* as for viewers (PROTOCOL.md 2.6) */
 };
 
@@ -52,10 +52,10 @@ bool watcher_knows(const char *path)
 
 /* ---- Renditions ---- */
 
-bool rendition_is_wanted(const struct server *s, const struct picture *p)
+bool rendition_is_wanted(const struct server *s, const struct sent_image *p)
 {
     uint64_t serial;
-    const int slot = picture_rendition(p, &serial);
+    const int slot = image_rendition(p, &serial);
 
     return s->users[slot] > 0 && s->demand.renditions[slot].serial == serial;
 }
@@ -86,11 +86,11 @@ static void leave_slot(struct server *s, unsigned slot)
     if (--s->users[slot] > 0)
         return;
     s->demand.renditions[slot] = (struct server_rendition){ 0 };
-    picture_unref(s->latest[STREAM_RENDITIONS + slot]);
+    image_unref(s->latest[STREAM_RENDITIONS + slot]);
     s->latest[STREAM_RENDITIONS + slot] = NULL;
 }
 
-/* {lock} The kind of picture; 0: no slot is free. width 0: the picture's. */
+/* {lock} The kind of image; 0: no slot is free. width 0: the image's. */
 static unsigned choose_kind(struct server *s, enum server_image image, uint32_t width)
 {
     if (width >= s->figures.width && s->figures.width > 0)
@@ -126,7 +126,7 @@ static int refuse(struct server *s, struct lws *wsi, unsigned status, const char
 }
 
 /* Whether the browser says that a page of another site asks, other than by a link to here: it would not get to see the
- * picture, but take a place. */
+ * image, but take a place. */
 static bool is_foreign(struct lws *wsi)
 {
     char site[32] = "", mode[32] = "";
@@ -171,7 +171,7 @@ static bool read_width(struct lws *wsi, uint32_t *width)
     return text[0] >= '0' && text[0] <= '9' && *end == '\0' && value >= WIDTH_LEAST && value <= WIDTH_MOST;
 }
 
-/* Why there is no picture to show; NULL: there is one. */
+/* Why there is no image to show; NULL: there is one. */
 static const char *why_none(struct server *s)
 {
     struct server_health h;
@@ -212,24 +212,24 @@ static void request_write(struct watcher *w)
     lws_callback_on_writable(w->wsi);
 }
 
-/* Its next picture as a new reference; NULL: none yet. */
-static struct picture *next_picture(const struct watcher *w)
+/* Its next image as a new reference; NULL: none yet. */
+static struct sent_image *next_picture(const struct watcher *w)
 {
     struct server *s = w->server;
 
     pthread_mutex_lock(&s->lock);
-    struct picture *p = s->latest[w->kind];
-    const bool counts = p && (picture_header(p)->sequence > w->begun || w->again) && picture_made(p) >= w->fresh;
-    p = counts ? picture_ref(p) : NULL;
+    struct sent_image *p = s->latest[w->kind];
+    const bool counts = p && (image_header(p)->sequence > w->begun || w->again) && image_made(p) >= w->fresh;
+    p = counts ? image_ref(p) : NULL;
     pthread_mutex_unlock(&s->lock);
     return p;
 }
 
-static bool has_picture(const struct watcher *w)
+static bool has_image(const struct watcher *w)
 {
-    struct picture *p = next_picture(w);
+    struct sent_image *p = next_picture(w);
 
-    picture_unref(p);
+    image_unref(p);
     return p != NULL;
 }
 
@@ -265,7 +265,7 @@ static int watch(struct server *s, struct lws *wsi, const struct resource *r, ui
     s->watchers = w;
     prepare_line(wsi);
     viewers_demand(s);
-    if (has_picture(w))
+    if (has_image(w))
         request_write(w);
     else
         watch_input(w, false);
@@ -321,7 +321,7 @@ void watcher_destroy(struct watcher *w)
     *link = w->next;
     w->guest->watcher = NULL;
     guest_dismiss(s, w->guest);
-    picture_unref(w->current);
+    image_unref(w->current);
     if (w->kind >= STREAM_RENDITIONS) {
         pthread_mutex_lock(&s->lock);
         leave_slot(s, w->kind - STREAM_RENDITIONS);
@@ -333,9 +333,9 @@ void watcher_destroy(struct watcher *w)
 
 /* ---- Sending ---- */
 
-static void begin(struct watcher *w, struct picture *p)
+static void begin(struct watcher *w, struct sent_image *p)
 {
-    const uint64_t sequence = picture_header(p)->sequence;
+    const uint64_t sequence = image_header(p)->sequence;
 
     if (w->begun > 0 && sequence > w->begun) {
         const uint64_t skipped = sequence - w->begun - 1;
@@ -360,7 +360,7 @@ static enum sending send_head(struct watcher *w)
     const struct resource *r = w->resource;
     size_t size;
 
-    picture_message(w->current, &size);
+    image_message(w->current, &size);
     const struct http_head head = {
         .status = 200, .type = r->type, .size = size - PROTOCOL_PICTURE_BYTES, .endless = r->stream, .fresh = true
     };
@@ -370,13 +370,13 @@ static enum sending send_head(struct watcher *w)
     return w->head ? SENDING_DONE : SENDING_ON;
 }
 
-/* The next piece of the picture. A part of a stream ends with the boundary, because some browsers show it only then. */
+/* The next piece of the image. A part of a stream ends with the boundary, because some browsers show it only then. */
 static enum sending send_piece(struct watcher *w)
 {
     static const char between[] = "\r\n--" BOUNDARY "\r\n";
     uint8_t buffer[LWS_PRE + 16384 + 256], *out = buffer + LWS_PRE;
     size_t size, n = 0;
-    const uint8_t *message = picture_message(w->current, &size);
+    const uint8_t *message = image_message(w->current, &size);
     const size_t left = size - w->offset, piece = left < 16384 ? left : 16384;
 
     if (w->resource->stream && w->offset == PROTOCOL_PICTURE_BYTES)
@@ -397,7 +397,7 @@ static enum sending send_piece(struct watcher *w)
         return SENDING_ON;
     atomic_fetch_add(&w->server->metrics.sent[metrics_kind(w->kind)], 1);
     atomic_fetch_add(&w->server->counts.sent, 1);
-    picture_unref(w->current);
+    image_unref(w->current);
     w->current = NULL;
     w->sent++;
     w->sent_us = viewer_now_us();
@@ -411,7 +411,7 @@ int watcher_write(struct watcher *w)
     w->waiting = false;
     if (w->closing)
         return -1;
-    struct picture *p = w->current ? NULL : next_picture(w);
+    struct sent_image *p = w->current ? NULL : next_picture(w);
     if (p)
         begin(w, p);
     if (!w->current) {
@@ -423,7 +423,7 @@ int watcher_write(struct watcher *w)
         watcher_destroy(w);
         return lws_http_transaction_completed(wsi) ? -1 : 0;
     }
-    if (w->current || has_picture(w))
+    if (w->current || has_image(w))
         request_write(w);
     else
         watch_input(w, false);
@@ -435,7 +435,7 @@ int watcher_write(struct watcher *w)
 void watchers_wake(struct server *s)
 {
     for (struct watcher *w = s->watchers; w; w = w->next)
-        if (!w->current && has_picture(w))
+        if (!w->current && has_image(w))
             request_write(w);
 }
 

@@ -1,4 +1,4 @@
-#include "programs/render/render_parts.h"
+#include "programs/render/render_internal.h"
 
 #include "base/mem.h"
 

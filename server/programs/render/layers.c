@@ -3,7 +3,7 @@
 #include "image/codec/cryptomatte.h"
 #include "image/codec/exr_write.h"
 #include "light/frame/layers.h"
-#include "programs/render/render_parts.h"
+#include "programs/render/render_internal.h"
 #include "scene/geometry/first_hits.h"
 
 #include <assert.h>
@@ -140,7 +140,7 @@ static void name_mesh(const struct scene *s, size_t mesh, int m, char out[80])
         snprintf(out, 80, m == 0 ? "object %zu" : "material %zu", m == 0 ? mesh : (size_t)at->material);
 }
 
-static enum err make_matte(struct render_layers *l, const struct set *set, int m)
+static enum err make_matte(struct render_layers *l, const struct prepared_scene *set, int m)
 {
     const struct gbuffer *g = set->gbuffer;
     const size_t meshes = set->scene->mesh_count;
@@ -166,7 +166,7 @@ static enum err make_matte(struct render_layers *l, const struct set *set, int m
     return e;
 }
 
-static enum err allocate(struct render_layers *l, const struct set *set, bool lamps)
+static enum err allocate(struct render_layers *l, const struct prepared_scene *set, bool lamps)
 {
     const size_t pixels = (size_t)set->gbuffer->width * set->gbuffer->height;
 
@@ -186,7 +186,7 @@ static enum err allocate(struct render_layers *l, const struct set *set, bool la
 enum err render_layers_create(struct render *r, struct reason *why)
 {
     const struct setup *s = &r->desc.setup;
-    const struct set *set = r->set;
+    const struct prepared_scene *set = r->set;
     struct render_layers *l = r->layers = mem_alloc(1, sizeof(*l));
     enum err e = l ? allocate(l, set, r->lamps != NULL) : ERR_NOMEM;
 

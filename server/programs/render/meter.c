@@ -3,7 +3,7 @@
  * The measured image is a rough one of the metering frame, whose settings are fixed here: few pixels, few samples,
  * denoised, a seed of its own. So it costs the same for all sizes and sample counts, and the value depends on scene,
  * camera, sky and --paths alone: not on the frames that are rendered, nor on method, samples or seed. */
-#include "programs/render/render_parts.h"
+#include "programs/render/render_internal.h"
 
 #include "base/luminance.h"
 #include "base/mem.h"
@@ -17,7 +17,7 @@
 #define EYE_PATHS 2
 #define PARTICLES 50000 /* where there are mirrors or glass */
 
-static enum err light_picture(const struct render *r, const struct set *set, float *rgb, struct reason *why)
+static enum err light_image(const struct render *r, const struct prepared_scene *set, float *rgb, struct reason *why)
 {
     const struct setup *s = &r->desc.setup;
     const struct relight_desc light = {
@@ -49,10 +49,10 @@ static enum err light_picture(const struct render *r, const struct set *set, flo
 /* By the frame that r->environment holds. */
 enum err render_meter(struct render *r, struct reason *why)
 {
-    struct set_desc desc = r->desc.setup.set_desc;
+    struct prepared_scene_desc desc = r->desc.setup.set_desc;
     const double side = fmax(desc.width, desc.height), scale = fmin(SIDE / side, 1.0);
     struct exposure exposure;
-    struct set *set = NULL;
+    struct prepared_scene *set = NULL;
 
     desc.width = (uint32_t)fmax(1.0, round(scale * desc.width));
     desc.height = (uint32_t)fmax(1.0, round(scale * desc.height));
@@ -62,7 +62,7 @@ enum err render_meter(struct render *r, struct reason *why)
     enum err e = set_create_view(r->set, &desc, NULL, &set, why);
     float *rgb = e ? NULL : mem_alloc((size_t)desc.width * desc.height, 3 * sizeof(float));
     if (!e)
-        e = rgb ? light_picture(r, set, rgb, why) : err_say(why, ERR_NOMEM, "out of memory for the exposure");
+        e = rgb ? light_image(r, set, rgb, why) : err_say(why, ERR_NOMEM, "out of memory for the exposure");
     if (!e) {
         exposure_init(&exposure);
         output_fix_exposure(r->output, log2(exposure_step(&exposure, rgb, desc.width, desc.height, 1)));

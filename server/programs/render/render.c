@@ -1,4 +1,4 @@
-#include "programs/render/render_parts.h"
+#include "programs/render/render_internal.h"
 
 #include "base/clock.h"
 #include "base/log.h"
@@ -72,7 +72,7 @@ static enum err light_lamps(struct render *r, struct reason *why)
 /* Images without the background. */
 static enum err keep_alpha(struct render *r, struct reason *why)
 {
-    const struct set_desc *d = &r->desc.setup.set_desc;
+    const struct prepared_scene_desc *d = &r->desc.setup.set_desc;
 
     if (!(r->set->scene->ground.radius > 0.0f))
         return err_say(why, ERR_USAGE, "--alpha is for scenes with a ground: add --ground");
@@ -97,9 +97,9 @@ static enum err set_up(struct render *r, struct reason *why)
     r->relighter = relighter_create(r->set, d->setup.kernels);
     d->setup.environment.lean = d->setup.light.direct.method == METHOD_CACHED;
     r->environment = environment_create(&d->setup.environment);
-    r->prober = d->probe ? prober_create(r->set, d->setup.kernels) : NULL;
+    r->inspector = d->inspection ? inspector_create(r->set, d->setup.kernels) : NULL;
     r->rgb = mem_alloc((size_t)d->setup.set_desc.width * d->setup.set_desc.height, 3 * sizeof(float));
-    if (!r->relighter || !r->environment || !r->rgb || (d->probe && !r->prober))
+    if (!r->relighter || !r->environment || !r->rgb || (d->inspection && !r->inspector))
         return err_say(why, ERR_NOMEM, "no memory for images of %ux%u", d->setup.set_desc.width,
                        d->setup.set_desc.height);
     e = light_lamps(r, why);
@@ -178,13 +178,13 @@ void render_decode(struct environment *e, const struct frame *frame, struct deco
     out->ms[1] = 1e3 * (clock_seconds() - start);
 }
 
-static enum err print_probe(struct render *r, struct reason *why)
+static enum err print_inspection(struct render *r, struct reason *why)
 {
-    const struct probe_request *q = r->desc.probe;
+    const struct inspect_request *q = r->desc.inspection;
     struct probe_lamps lamps = { .scale = r->desc.setup.initial.lamps };
 
     relight_lamps_pixel(r->lamps, q->x, q->y, lamps.rgb);
-    return prober_print(r->prober, r->environment, &r->decision.light, q, r->rgb, r->lamps ? &lamps : NULL, why);
+    return inspector_print(r->inspector, r->environment, &r->decision.light, q, r->rgb, r->lamps ? &lamps : NULL, why);
 }
 
 /* What a frame of --fps took beyond its share is owed by the next ones. Warns where the time is too short. */
@@ -253,8 +253,8 @@ static enum err render_frame(struct render *r, struct reason *why)
     keep_to_rate(r, &pilot, beside_s + start - begun_s);
     if (r->rendered > 0) /* the first makes tables that stay */
         r->beside_s += (r->rendered > 1 ? 0.3 : 1.0) * (beside_s - r->beside_s);
-    if (!e && r->prober)
-        e = print_probe(r, why);
+    if (!e && r->inspector)
+        e = print_inspection(r, why);
     if (!e && r->desc.stats_path)
         e = render_note(r, render_stats_text(r, &stats, &pilot, ms)) ? err_say(why, ERR_NOMEM, "out of memory")
                                                                      : ERR_OK;
@@ -340,7 +340,7 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
     render_layers_destroy(r->layers);
     environment_destroy(r->environment);
     environment_destroy(r->ahead.environment);
-    prober_destroy(r->prober);
+    inspector_destroy(r->inspector);
     decider_finish(&r->decider);
     relight_lamps_destroy(r->lamps);
     team_destroy(r->team);

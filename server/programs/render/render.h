@@ -8,7 +8,7 @@
 #include "image/output/output.h"
 #include "job/ranks/ranks.h"
 #include "light/frame/decide.h"
-#include "light/inspector/probe_report.h"
+#include "light/inspector/inspector_report.h"
 #include "relightd/settings/settings.h"
 
 struct render_desc {
@@ -28,7 +28,7 @@ struct render_desc {
     struct ranks *ranks;               /* NULL: this process renders all frames */
     bool collect;                      /* rank 0 writes the images of all ranks */
     bool split;                        /* ranks light each frame together, instead of one rank per frame */
-    const struct probe_request *probe; /* printed to standard output per frame; NULL: none */
+    const struct inspect_request *inspection; /* printed to standard output per frame; NULL: none */
 };
 
 /* Frames that cannot be read are reported and skipped; then, and on ERR_IO and ERR_NOMEM, the result is an error.

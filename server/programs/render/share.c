@@ -1,6 +1,6 @@
 /* Distributes frames among the ranks of a job, joins their statistics in frame order, and keeps existing images
  * (--resume). */
-#include "programs/render/render_parts.h"
+#include "programs/render/render_internal.h"
 
 #include "base/mem.h"
 #include "relightd/settings/settings.h"
@@ -20,7 +20,7 @@ enum err render_check_shared(const struct render *r, struct reason *why)
     const char *what = d->resume ? "--resume" : "rendering on several ranks";
 
     if (!d->resume && !render_deals(r))
-        return d->ranks && d->probe
+        return d->ranks && d->inspection
                    ? err_say(why, ERR_USAGE, "--probe is for one process: start relight-render without mpirun")
                    : ERR_OK;
     if (r->output && output_is_stream(r->output))
@@ -36,7 +36,7 @@ enum err render_check_shared(const struct render *r, struct reason *why)
                        what);
     if (d->resume && !d->output.pattern)
         return err_say(why, ERR_USAGE, "--resume needs --out");
-    if (d->ranks && d->probe)
+    if (d->ranks && d->inspection)
         return err_say(why, ERR_USAGE, "--probe is for one process: start relight-render without mpirun");
     if (render_deals(r) && (source_count(r->source) == 0 || !source_seek(r->source, 0)))
         return err_say(why, ERR_USAGE,

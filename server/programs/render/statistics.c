@@ -1,4 +1,4 @@
-#include "programs/render/render_parts.h"
+#include "programs/render/render_internal.h"
 
 #include <jansson.h>
 
@@ -17,7 +17,7 @@ static json_t *plan_stats(const struct relight_stats *s)
                      (json_int_t)p->particles, "eye_paths", (int)p->eye_paths, "left_out", left_out);
 }
 
-static json_t *picture_stats(const struct render *r, const struct relight_stats *s, const double ms[3])
+static json_t *image_stats(const struct render *r, const struct relight_stats *s, const double ms[3])
 {
     const struct gbuffer *g = r->set->gbuffer;
     const struct image_faults *f = &r->environment->image.faults;
@@ -76,7 +76,7 @@ static json_t *cache_stats(const struct render *r, const struct relight_stats *s
         s->cache_loaded, "load_ms", s->cache_loaded ? r->cache_ms : 0.0, "precomputation_ms",
         s->cache_loaded ? 0.0 : r->cache_ms, "bytes", (json_int_t)c->bytes, "dense_bytes", (json_int_t)c->dense, "rays",
         (json_int_t)c->rays, "packets", (int)c->packets, "packets_narrow", (int)c->narrow, "pieces", (int)c->pieces,
-        "raw", (int)c->raw, "halves", (int)c->halves, "mean_rank", c->rank, "bright", "texels", (int)f->bright, "share",
+        "raw", (int)c->raw, "halves", (int)c->halves, "mean_rank", c->rank, "bright", "texels", (int)f->sun, "share",
         f->share, "rays", (json_int_t)f->rays, "penumbra_packets", (int)f->penumbra, "computed", "packets_cells",
         (int)f->lit, "packets_bright", (int)f->shone);
 }
@@ -94,11 +94,11 @@ static json_t *stored_stats(const struct relight_stats *s)
                      (json_int_t)b->bytes, "rays", (json_int_t)b->rays);
 }
 
-static json_t *bounce_stats_of(const struct relight_stats *s)
+static json_t *indirect_stats_of(const struct relight_stats *s)
 {
-    const struct bounce_stats *b = &s->bounce;
+    const struct indirect_stats *b = &s->indirect;
 
-    return json_pack("{s:b, s:I, s:I, s:i, s:i, s:f, s:i, s:f}", "loaded", s->bounce_loaded, "bytes",
+    return json_pack("{s:b, s:I, s:I, s:i, s:i, s:f, s:i, s:f}", "loaded", s->indirect_loaded, "bytes",
                      (json_int_t)b->bytes, "rays", (json_int_t)b->rays, "records", (int)b->records, "basis",
                      (int)b->basis, "basis_leaves_out", b->basis_rest, "bounces", (int)b->bounces, "mean_rank",
                      b->rank);
@@ -117,7 +117,7 @@ static json_t *lamps_stats_of(const struct render *r)
 }
 
 /* Whether auto took the cache, and why. */
-static json_t *auto_stats(const struct buy *b)
+static json_t *auto_stats(const struct cost_verdict *b)
 {
     return json_pack("{s:b, s:o, s:s}", "cache", b->yes, "break_even_frames",
                      b->break_even > 0.0 ? json_real(b->break_even) : json_null(), "why", b->why);
@@ -128,7 +128,7 @@ static json_t *changes_stats(const struct changes *c)
 {
     return json_pack("{s:I, s:I, s:[i, i, i, i], s:{s:I, s:I}}", "pixels", (json_int_t)c->changed, "of",
                      (json_int_t)c->pixels, "box", (int)c->box[0], (int)c->box[2], (int)c->box[1], (int)c->box[3],
-                     "computed", "sky", (json_int_t)c->sky, "bright", (json_int_t)c->bright);
+                     "computed", "sky", (json_int_t)c->sky, "bright", (json_int_t)c->sun);
 }
 
 char *render_stats_text(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
@@ -141,7 +141,7 @@ char *render_stats_text(struct render *r, const struct relight_stats *s, const s
                           name ? name : json_null(), "method",
                           measured ? "auto" : method_name(method_by_rule(light->direct.method)), "samples",
                           (int)(measured ? pilot->samples : light->direct.samples));
-    json_t *more = picture_stats(r, s, ms);
+    json_t *more = image_stats(r, s, ms);
     char *text = NULL;
 
     if (j && more) {
@@ -156,8 +156,8 @@ char *render_stats_text(struct render *r, const struct relight_stats *s, const s
             json_object_set_new(j, "cache", cache_stats(r, s));
         if (s->plan.caustics == PLAN_STORED)
             json_object_set_new(j, "stored_caustics", stored_stats(s));
-        if (s->bounce.basis > 0)
-            json_object_set_new(j, "interreflection", bounce_stats_of(s));
+        if (s->indirect.basis > 0)
+            json_object_set_new(j, "interreflection", indirect_stats_of(s));
         if (r->decider.cache.last.why)
             json_object_set_new(j, "auto", auto_stats(&r->decider.cache.last));
         if (r->lamps)

@@ -5,7 +5,7 @@
 #include "light/radiance/components.h"
 #include "light/radiance/parts.h"
 #include "programs/render/render.h"
-#include "relightd/settings/probe_options.h"
+#include "relightd/settings/inspector_options.h"
 #include "sky/source/sky.h"
 #include "year/annual.h"
 
@@ -23,7 +23,7 @@ struct render {
     int weights;                       /* enum luminance_weights */
     struct components_desc components; /* out.text NULL: not requested */
     struct annual_desc annual;         /* folder NULL: not requested */
-    struct probe_request probe;        /* about a pixel, */
+    struct inspect_request inspection;        /* about a pixel, */
     bool probing;                      /* where one is asked */
     struct relight_whole whole;        /* of METHOD_COMPONENTS */
     char name[200];                    /* of a rank, in the log */
@@ -104,15 +104,15 @@ static const struct setting rows[] = {
       "grid:SURFACE,spacing=0.5,height=0.8,margin=0",
       NULL, OUTPUT, TEXT, AT(annual.sensors) },
     { "pictures", "HOURS", "with --annual: images of these hours: MM-DDTHH:MM, separated by commas; seasons; or none",
-      "seasons", OUTPUT, TEXT, AT(annual.pictures) },
+      "seasons", OUTPUT, TEXT, AT(annual.images) },
     { "luminance", "W", "with --annual and --calibrate: luminance and illuminance from red, green and blue", "rec709",
       OUTPUT, CHOICE(luminance_choices), AT(weights) },
     { "probe", "X,Y", "print a pixel's light by kind and by sample, one JSON object per frame; makes --out optional",
       NULL, OUTPUT, TEXT },
     { "probe-samples", "N", "samples of --probe, 1 to 256; default: --samples, at most 256", NULL, OUTPUT,
-      WHOLE(1, PROBE_SAMPLES_MAX), AT(probe.samples) },
+      WHOLE(1, INSPECT_SAMPLES_MAX), AT(inspection.samples) },
     { "probe-preset", "P", "preset of --probe, as in figure 1 of Lu, Pacanowski and Granier 2013", NULL, OUTPUT,
-      CHOICE(probe_presets), AT(probe.figure) },
+      CHOICE(inspect_presets), AT(inspection.figure) },
     { "audit", "SHARE",
       "with --stats: estimate each frame's error without aliasing, by this share of its rays + 500,000; 0: no estimate",
       "0", RENDERING, REAL(0.0, 1000.0), AT(desc.setup.light.audit) },
@@ -294,13 +294,13 @@ static enum err read_options(struct command *c, struct render *r, struct reason 
     if (!e)
         e = setup_complete(s, why);
     if (!e)
-        e = probe_options_read(c, s->size[0], s->size[1], &r->probing, &r->probe, why);
+        e = inspect_options_read(c, s->size[0], s->size[1], &r->probing, &r->inspection, why);
     if (!e)
         e = read_out(c, r, why);
     s->set_desc.progress = true;
     d->weights = (enum luminance_weights)r->weights;
     s->source_desc.tries = LIVE_TRIES;
-    d->probe = r->probing ? &r->probe : NULL;
+    d->inspection = r->probing ? &r->inspection : NULL;
     d->output.tone = s->initial.tone;
     d->output.quality = (int)s->quality;
     d->output.level = s->kernels ? s->kernels->level : NULL;
@@ -325,7 +325,7 @@ static enum err read_options(struct command *c, struct render *r, struct reason 
 static enum err export_components(struct render *r, struct reason *why)
 {
     const struct setup *setup = &r->desc.setup;
-    struct set *set = NULL;
+    struct prepared_scene *set = NULL;
     enum err e = set_create(&setup->set_desc, &set, why);
 
     if (!e && set->scene->ground.radius > 0.0f)

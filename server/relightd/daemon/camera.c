@@ -2,7 +2,7 @@
  * old one continue; then the shade thread switches. Free views, which users drag, are coarse at first. The command
  * line's view is kept: it owns scene and rays, lockstep sequences use it, and returning to it is free. Where it was
  * coarse, for an early first image, the complete one takes its place in the same way. */
-#include "relightd/daemon/shade_parts.h"
+#include "relightd/daemon/shade_internal.h"
 
 #include "base/clock.h"
 #include "base/log.h"
@@ -19,7 +19,7 @@ static void *build(void *arg)
 {
     struct shade_thread *t = arg;
     struct camera_build *b = &t->camera;
-    struct set_desc desc = t->shared->config.setup.set_desc;
+    struct prepared_scene_desc desc = t->shared->config.setup.set_desc;
 
     progress_begin(&b->line, "computing the view", desc.height, NULL);
     if (!b->complete) {
@@ -75,12 +75,12 @@ static void start_build(struct shade_thread *t, const char *name, bool coarse)
 static void leave_view(struct shade_thread *t)
 {
     refine_forget(t);
-    still_destroy(t->refine.still);
+    refiner_destroy(t->refine.refiner);
     decider_finish(&t->decider);
-    prober_destroy(t->prober);
+    inspector_destroy(t->inspector);
     lamps_leave_view(t);
-    t->refine.still = NULL;
-    t->prober = NULL;
+    t->refine.refiner = NULL;
+    t->inspector = NULL;
     if (t->set != t->first_set) {
         relighter_destroy(t->relighter);
         set_destroy(t->set);
@@ -92,12 +92,12 @@ static void leave_view(struct shade_thread *t)
 
 /* Whether the view's images would exceed the limit and take longer than the current ones. The view is then
  * discarded. */
-static bool is_too_costly(struct shade_thread *t, struct set *set, const struct settings *now)
+static bool is_too_costly(struct shade_thread *t, struct prepared_scene *set, const struct settings *now)
 {
-    const double seconds = picture_seconds(t, set, now), most = t->shared->config.picture_s;
+    const double seconds = image_seconds(t, set, now), most = t->shared->config.image_s;
     char why[100];
 
-    if (seconds <= most || seconds <= picture_seconds(t, t->set, now))
+    if (seconds <= most || seconds <= image_seconds(t, t->set, now))
         return false;
     set_destroy(set);
     snprintf(why, sizeof(why), "its images would take some %.*f s each, more than the limit of %g s", seconds < 10.0,
@@ -107,7 +107,7 @@ static bool is_too_costly(struct shade_thread *t, struct set *set, const struct 
 }
 
 /* The coarse first view goes; nothing uses it any more. */
-static void replace_first(struct shade_thread *t, struct set *set)
+static void replace_first(struct shade_thread *t, struct prepared_scene *set)
 {
     lamps_leave_first(t);
     set_hand_over(t->first_set, set);
@@ -116,7 +116,7 @@ static void replace_first(struct shade_thread *t, struct set *set)
 }
 
 /* Switches to a view and takes ownership of it. False: out of memory, and the old view stays. */
-static bool switch_to(struct shade_thread *t, struct set *set, bool coarse)
+static bool switch_to(struct shade_thread *t, struct prepared_scene *set, bool coarse)
 {
     struct relighter *r = set == t->first_set ? t->first_relighter : NULL;
 

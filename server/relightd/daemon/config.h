@@ -7,7 +7,7 @@
 #include "base/log.h"
 #include "import/decoder/decoder.h"
 #include "light/frame/relight.h"
-#include "light/frame/still.h"
+#include "light/frame/refine.h"
 #include "net/publish/target.h"
 #include "net/stream/server.h"
 #include "sky/source/sky.h"
@@ -25,8 +25,8 @@ struct daemon_config {
     struct setup setup; /* `initial` also configures lockstep sequences, since controllers cannot change it. Method,
                            samples, classes, rotation and scale come from the current settings instead */
     int part_floats;    /* enum part_floats */
-    struct still_wish converge; /* error 0: still images are not refined */
-    double picture_s;           /* limit on the time per image for controllers' settings */
+    struct refiner_wish converge; /* error 0: still images are not refined */
+    double image_s;           /* limit on the time per image for controllers' settings */
     double rate;                /* frames per second from the source; 0: as fast as they are rendered */
     double h264_bits;           /* maximum bits per second of the full-size track; 0: by size and rate */
     struct setting_texts publish_urls;

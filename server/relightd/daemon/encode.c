@@ -1,4 +1,4 @@
-#include "relightd/daemon/encode_parts.h"
+#include "relightd/daemon/encode_internal.h"
 
 #include "base/clock.h"
 #include "base/log.h"
@@ -14,13 +14,13 @@
 
 void encode_publish(struct encode_thread *t, struct shaded *in, unsigned track, const uint8_t *bytes, size_t size)
 {
-    struct picture *p = picture_create(&in->header, bytes, size);
+    struct sent_image *p = image_create(&in->header, bytes, size);
 
     if (!p) {
         log_error("no memory for an image of %zu bytes", size);
         return;
     }
-    picture_set_track(p, track);
+    image_set_track(p, track);
     if (in->header.format == PROTOCOL_H264 && track == SHARED_PUBLISH_TRACK)
         publisher_push(t->shared->publisher, p, (int64_t)(1e6 * clock_seconds()));
     server_publish_for(t->shared->server, p, &in->ticket);
@@ -147,7 +147,7 @@ static void encode_changes(struct encode_thread *t, const struct shaded *in)
     const struct png_desc desc = { .samples = in->changes, .width = in->header.width, .height = in->header.height };
     const double start = clock_seconds();
     struct protocol_picture header = in->header;
-    struct picture *p = NULL;
+    struct sent_image *p = NULL;
     struct reason why = { "out of memory" };
     uint8_t *bytes = NULL;
     size_t size;
@@ -157,7 +157,7 @@ static void encode_changes(struct encode_thread *t, const struct shaded *in)
     if (png_encode(&desc, &bytes, &size, &why) == ERR_OK) {
         header.format = PROTOCOL_CHANGES;
         header.encoded_us = (uint32_t)(1e6 * (clock_seconds() - start));
-        p = picture_create(&header, bytes, size);
+        p = image_create(&header, bytes, size);
     }
     if (p)
         server_publish(t->shared->server, p);
@@ -206,7 +206,7 @@ static void expose(struct encode_thread *t, struct shaded *in)
 
 /* Encodes once per format, independent of the number of viewers. JPEG is also encoded without viewers, for the next one
  * to connect. The format of a lockstep recorder is last, because its acknowledgement admits the next frame. */
-void encode_picture(struct encode_thread *t, struct shaded *in)
+void encode_image(struct encode_thread *t, struct shaded *in)
 {
     struct server_demand demand;
 
@@ -218,7 +218,7 @@ void encode_picture(struct encode_thread *t, struct shaded *in)
     const int quality = demand.jpeg_quality ? demand.jpeg_quality : atomic_load(&t->shared->settings.jpeg_quality);
     double ms;
 
-    server_begin_picture(t->shared->server);
+    server_begin_image(t->shared->server);
     expose(t, in);
     const double tone_ms = ms = make_display(t, in);
     ms += video_encode(t, in, 0, tone_ms, &demand);
@@ -237,7 +237,7 @@ void encode_picture(struct encode_thread *t, struct shaded *in)
     }
     encode_changes(t, in);
     close_ticket(t, in);
-    status_picture_encoded(&t->shared->status, ms);
+    status_image_encoded(&t->shared->status, ms);
     for (unsigned scale = 1; scale < SERVER_SCALES; scale++)
         encode_small(t, in, scale, &demand, quality);
     renditions_encode(t, in, &demand, quality);
@@ -282,24 +282,24 @@ static void encode_current_again(struct encode_thread *t)
 static void *run(void *arg)
 {
     struct encode_thread *t = arg;
-    struct picture_slots *pictures = &t->shared->pictures;
+    struct image_slots *images = &t->shared->images;
 
     omp_set_num_threads(1);
-    while (!handoff_is_closed(&pictures->handoff)) {
-        const int slot = handoff_take(&pictures->handoff, video_wait_ms(t, POLL_MS));
+    while (!handoff_is_closed(&images->handoff)) {
+        const int slot = handoff_take(&images->handoff, video_wait_ms(t, POLL_MS));
         if (slot == HANDOFF_NONE) {
             encode_current_again(t);
             continue;
         }
-        encode_picture(t, &pictures->slot[slot]);
-        handoff_release(&pictures->handoff, slot);
+        encode_image(t, &images->slot[slot]);
+        handoff_release(&images->handoff, slot);
     }
     return NULL;
 }
 
 enum err encode_thread_create(struct shared *shared, struct encode_thread **out, struct reason *why)
 {
-    const struct set_desc *size = &shared->config.setup.set_desc;
+    const struct prepared_scene_desc *size = &shared->config.setup.set_desc;
     const size_t pixels = (size_t)size->width * size->height;
     struct encode_thread *t = mem_alloc(1, sizeof(*t));
     bool ok = t != NULL;

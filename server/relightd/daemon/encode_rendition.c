@@ -1,4 +1,4 @@
-#include "relightd/daemon/encode_parts.h"
+#include "relightd/daemon/encode_internal.h"
 
 #include "base/clock.h"
 #include "base/log.h"
@@ -6,7 +6,7 @@
 #include "image/codec/exr_write.h"
 #include "image/codec/png_write.h"
 
-#define STILL_SHARE 0.25 /* of this thread's time, at most, for single pictures: viewers need the rest */
+#define REFINE_SHARE 0.25 /* of this thread's time, at most, for single images: viewers need the rest */
 
 /* The image at the rendition's size; rgb or srgb is set. */
 struct sized {
@@ -61,7 +61,7 @@ static void publish(struct encode_thread *t, const struct shaded *in, unsigned s
     const double start = clock_seconds();
     struct protocol_picture header = in->header;
     struct reason why = { "" };
-    struct picture *p = NULL;
+    struct sent_image *p = NULL;
     const uint8_t *bytes;
     struct sized s;
     uint8_t *owned = NULL;
@@ -73,10 +73,10 @@ static void publish(struct encode_thread *t, const struct shaded *in, unsigned s
         header.width = s.width;
         header.height = s.height;
         header.encoded_us = (uint32_t)(1e6 * (clock_seconds() - start));
-        p = picture_create(&header, bytes, size);
+        p = image_create(&header, bytes, size);
     }
     if (p) {
-        picture_set_rendition(p, slot, r->serial);
+        image_set_rendition(p, slot, r->serial);
         server_publish(t->shared->server, p);
     } else {
         log_error("an image for plain HTTP could not be encoded: %s", why.text[0] ? why.text : "out of memory");
@@ -84,7 +84,7 @@ static void publish(struct encode_thread *t, const struct shaded *in, unsigned s
     mem_free(owned);
     mem_free(s.scratch);
     if (r->still)
-        t->still_due_s = clock_seconds() + (1.0 / STILL_SHARE - 1.0) * (clock_seconds() - start);
+        t->refiner_due_s = clock_seconds() + (1.0 / REFINE_SHARE - 1.0) * (clock_seconds() - start);
 }
 
 bool renditions_encode(struct encode_thread *t, const struct shaded *in, const struct server_demand *demand,
@@ -95,7 +95,7 @@ bool renditions_encode(struct encode_thread *t, const struct shaded *in, const s
     for (unsigned k = 0; k < SERVER_RENDITIONS; k++) {
         const struct server_rendition *r = &demand->renditions[k];
         if (r->image == SERVER_NO_IMAGE || t->rendered[k] == r->serial ||
-            (r->still && clock_seconds() < t->still_due_s))
+            (r->still && clock_seconds() < t->refiner_due_s))
             continue;
         if (r->image == SERVER_EXR && !in->rgb)
             all = false;

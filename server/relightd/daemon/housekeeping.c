@@ -15,14 +15,14 @@
 #define CANCEL_LEAST_MS 50 /* a new setting cancels no image that is made within this time */
 
 /* Cancels the image if a new setting waits for its end, and reports one that exceeds the limit. */
-static void watch_picture(struct housekeeping_thread *t)
+static void watch_image(struct housekeeping_thread *t)
 {
-    struct picture_watch *w = &t->shared->watch;
-    const double limit_s = t->shared->config.picture_s;
+    struct image_watch *w = &t->shared->watch;
+    const double limit_s = t->shared->config.image_s;
     const int64_t begun_ms = atomic_load(&w->begun_ms), passed_ms = clock_ms() - begun_ms;
 
     if (t->late_ms != begun_ms && t->late_ms != 0) {
-        status_picture_late(&t->shared->status, 0.0, false);
+        status_image_late(&t->shared->status, 0.0, false);
         t->late_ms = 0;
     }
     if (begun_ms == 0)
@@ -35,7 +35,7 @@ static void watch_picture(struct housekeeping_thread *t)
         log_warning("an image takes longer than %g s (--max-picture-seconds): fewer samples or a smaller size help",
                     limit_s);
     if (t->late_ms != begun_ms || t->turns % ALL_EVERY == 0)
-        status_picture_late(&t->shared->status, 1e-3 * (double)passed_ms, t->late_ms != begun_ms);
+        status_image_late(&t->shared->status, 1e-3 * (double)passed_ms, t->late_ms != begun_ms);
     t->late_ms = begun_ms;
 }
 
@@ -89,7 +89,7 @@ static void *run(void *arg)
 
     while (!shared_is_stopping(t->shared)) {
         nanosleep(&(struct timespec){ .tv_nsec = PERIOD_MS * 1000000 }, NULL);
-        watch_picture(t);
+        watch_image(t);
         if (++t->turns % ALL_EVERY != 0)
             continue;
         if (log->form == LOG_PLAIN && log->level >= LOG_INFO)

@@ -1,4 +1,4 @@
-#include "relightd/daemon/ingest_parts.h"
+#include "relightd/daemon/ingest_internal.h"
 
 #include "base/clock.h"
 #include "base/log.h"

@@ -1,4 +1,4 @@
-#include "relightd/daemon/ingest_parts.h"
+#include "relightd/daemon/ingest_internal.h"
 
 #define TAKE_MS 100
 #define PAUSE_MS 30

@@ -1,4 +1,4 @@
-#include "relightd/daemon/ingest_parts.h"
+#include "relightd/daemon/ingest_internal.h"
 
 #include "base/clock.h"
 #include "base/log.h"
@@ -26,7 +26,7 @@ struct pull {
     uint64_t version;    /* light_version with which the current frame was read */
     int64_t next_ms;     /* when the next frame is due, if the source has a rate */
     int64_t failure_ms;  /* how long to wait after a bad frame */
-    uint64_t used;       /* of these, those that gave a picture */
+    uint64_t used;       /* of these, those that gave an image */
     bool failed, ended, reported_end, paused;
     struct reason silence; /* what was reported when `lost` was set */
     bool lost;             /* a live stream is not connected, which was reported */
@@ -233,7 +233,7 @@ static void take_frame(struct pull *p, enum err read)
         status_set_source(status, p->paused ? SERVER_PAUSED : SERVER_LIVE, "");
     p->failed = e != ERR_OK;
     p->lost = false;
-    p->ended = !e && length == 1 && !p->shared->config.setup.reseed; /* a single picture need not be read again */
+    p->ended = !e && length == 1 && !p->shared->config.setup.reseed; /* a single image need not be read again */
     p->reported_end = false;
 }
 

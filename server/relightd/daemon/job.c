@@ -10,14 +10,14 @@
 #include <omp.h>
 #include <stdio.h>
 
-#define CACHED_SAMPLES 64 /* N_s of the cache's pictures, as auto has them */
+#define CACHED_SAMPLES 64 /* N_s of the cache's images, as auto has them */
 
-/* auto depends on the clock of one process. In a job it becomes the cache, whose pictures all ranks can light. */
+/* auto depends on the clock of one process. In a job it becomes the cache, whose images all ranks can light. */
 static void choose_method(struct daemon_config *c)
 {
     struct settings *now = &c->setup.initial;
 
-    c->setup.light.cache_background = false; /* the ranks compute it before the first picture */
+    c->setup.light.cache_background = false; /* the ranks compute it before the first image */
     if (now->method != METHOD_AUTO || now->counted || now->error > 0.0)
         return;
     now->method = c->setup.light.direct.method = METHOD_CACHED;
@@ -75,7 +75,7 @@ enum err job_lead(struct job *j, struct shared *s, struct shade_thread *shade, s
     return e;
 }
 
-static enum err make(const struct shared *s, struct set **set, struct relighter **r, struct reason *why)
+static enum err make(const struct shared *s, struct prepared_scene **set, struct relighter **r, struct reason *why)
 {
     enum err e = set_create(&s->config.setup.set_desc, set, why);
 
@@ -87,7 +87,7 @@ static enum err make(const struct shared *s, struct set **set, struct relighter 
 
 enum err job_serve(struct job *j, struct shared *s, struct reason *why)
 {
-    struct set *set = NULL;
+    struct prepared_scene *set = NULL;
     struct relighter *r = NULL;
 
     s->config.setup.set_desc.progress = false;

@@ -1,4 +1,4 @@
-/* relightd as a job of mpirun: rank 0 is the server, and the other ranks light parts of its pictures (job/team/team.h).
+/* relightd as a job of mpirun: rank 0 is the server, and the other ranks light parts of its images (job/team/team.h).
  * Without a launcher there is no job, and these functions do nothing. Main thread. */
 #pragma once
 

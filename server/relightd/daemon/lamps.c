@@ -2,7 +2,7 @@
  * image is kept, so that another factor, or more samples of the lamps' part, need no relighting. Each view has its own
  * lamps' part, refined on a separate thread and filtered, so that its first images are not grainy; that of the command
  * line's view is kept when the camera changes. Lockstep images, which are not denoised, have an unfiltered one. */
-#include "relightd/daemon/shade_parts.h"
+#include "relightd/daemon/shade_internal.h"
 
 #include "base/clock.h"
 #include "base/log.h"
@@ -15,9 +15,9 @@
 #define PUBLISH_GROWTH 1.25 /* each has this many times the samples of the one before */
 #define WAIT_MS 20          /* how often a lockstep image checks whether the part is complete */
 
-static size_t picture_bytes(const struct shade_thread *t)
+static size_t image_bytes(const struct shade_thread *t)
 {
-    const struct set_desc *d = &t->shared->config.setup.set_desc;
+    const struct prepared_scene_desc *d = &t->shared->config.setup.set_desc;
 
     return 3 * sizeof(float) * d->width * d->height;
 }
@@ -26,7 +26,7 @@ bool lamps_create_canvas(struct shade_thread *t)
 {
     if (!scene_has_lamps(t->first_set->scene))
         return true;
-    t->lamps.sky = mem_alloc(picture_bytes(t), 1);
+    t->lamps.sky = mem_alloc(image_bytes(t), 1);
     return t->lamps.sky != NULL;
 }
 
@@ -54,7 +54,7 @@ static struct relight_lamps *part_of(struct shade_thread *t, bool lockstep, doub
 void lamps_take_sky(struct shade_thread *t, const float *rgb)
 {
     if (t->lamps.sky)
-        memcpy(t->lamps.sky, rgb, picture_bytes(t));
+        memcpy(t->lamps.sky, rgb, image_bytes(t));
 }
 
 const float *lamps_sky(const struct shade_thread *t)

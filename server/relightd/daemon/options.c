@@ -41,7 +41,7 @@ static const struct setting table[] = {
     { "converge-passes", "N", "or until it has had this many passes of --samples samples", "4096", RENDERING,
       WHOLE(2, 1u << 20), AT(converge.passes) },
     { "max-picture-seconds", "N", "refuse controllers' settings that would make an image take longer", "10", RENDERING,
-      REAL(0.1, 86400.0), AT(picture_s) },
+      REAL(0.1, 86400.0), AT(image_s) },
     { "part-floats", "F", "under mpirun: number format in which ranks send light", "auto", RENDERING,
       .needs = NEEDS_MPI, CHOICE(part_choices), AT(part_floats) },
     { "bind", "ADDRESS", "address to listen on; all but loopback need tokens", "127.0.0.1", NETWORK, TEXT,

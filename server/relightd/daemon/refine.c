@@ -1,6 +1,6 @@
-/* While no frame arrives, the shade thread refines the last image (light/frame/still.h). Refinement does not affect
+/* While no frame arrives, the shade thread refines the last image (light/frame/refine.h). Refinement does not affect
  * live streams: passes start only after an idle time, and any new work ends the current pass. */
-#include "relightd/daemon/shade_parts.h"
+#include "relightd/daemon/shade_internal.h"
 
 #include "base/clock.h"
 #include "base/log.h"
@@ -16,7 +16,7 @@
 #define FIRST_PASSES 4      /* and the first this many */
 #define LOG_S 600.0         /* between lines about converged images */
 
-void refine_open(struct shade_thread *t, const struct shown_picture *shown)
+void refine_open(struct shade_thread *t, const struct shown_image *shown)
 {
     struct refinement *r = &t->refine;
 
@@ -57,14 +57,14 @@ static bool begin(struct shade_thread *t)
 {
     struct refinement *r = &t->refine;
 
-    if (!r->still)
-        r->still = still_create(t->set, t->shared->config.setup.kernels);
-    if (!r->still) {
+    if (!r->refiner)
+        r->refiner = refiner_create(t->set, t->shared->config.setup.kernels);
+    if (!r->refiner) {
         log_warning("no memory to refine a still image");
         r->open = false;
         return false;
     }
-    still_begin(r->still, lamps_sky(t) ? lamps_sky(t) : r->shown.latest->rgb);
+    refiner_begin(r->refiner, lamps_sky(t) ? lamps_sky(t) : r->shown.latest->rgb);
     r->begun = true;
     r->pass_s = r->published_s = 0.0;
     r->published_passes = 0;
@@ -72,16 +72,16 @@ static bool begin(struct shade_thread *t)
 }
 
 /* Publishes the image of the passes, or, without passes, the last published one again. */
-static void publish_picture(struct shade_thread *t, uint64_t passes)
+static void publish_image(struct shade_thread *t, uint64_t passes)
 {
     struct refinement *r = &t->refine;
-    struct shown_picture *shown = &r->shown;
-    const int slot = handoff_begin(&t->shared->pictures.handoff);
-    struct shaded *out = &t->shared->pictures.slot[slot];
+    struct shown_image *shown = &r->shown;
+    const int slot = handoff_begin(&t->shared->images.handoff);
+    struct shaded *out = &t->shared->images.slot[slot];
     const float *from = lamps_sky(t) ? lamps_sky(t) : shown->latest->rgb;
 
     if (passes > 0)
-        still_picture(r->still, out->rgb);
+        refiner_image(r->refiner, out->rgb);
     else if (from != out->rgb)
         memcpy(out->rgb, from, 3 * sizeof(float) * shown->header.width * shown->header.height);
     lamps_add(t, false, settings_now(&t->shared->settings).lamps, out->rgb);
@@ -94,8 +94,8 @@ static void publish_picture(struct shade_thread *t, uint64_t passes)
     out->ticket = (struct server_ticket){ .id = 0 };
     out->new_view = out->has_changes = false;
     shown->latest = out; /* the slots rotate */
-    probe_report_picture(t, out);
-    picture_slots_publish(&t->shared->pictures, slot, t->shared->server);
+    inspect_report_image(t, out);
+    image_slots_publish(&t->shared->images, slot, t->shared->server);
 }
 
 void refine_republish(struct shade_thread *t)
@@ -105,10 +105,10 @@ void refine_republish(struct shade_thread *t)
     if (!r->known)
         return;
     t->display_version = settings_now(&t->shared->settings).display_version;
-    publish_picture(t, r->begun ? r->published_passes : 0);
+    publish_image(t, r->begun ? r->published_passes : 0);
 }
 
-static void log_converged(struct refinement *r, const struct still_stats *stats)
+static void log_converged(struct refinement *r, const struct refiner_stats *stats)
 {
     const double now_s = clock_seconds();
 
@@ -123,16 +123,16 @@ static void log_converged(struct refinement *r, const struct still_stats *stats)
 static void evaluate(struct shade_thread *t)
 {
     struct refinement *r = &t->refine;
-    struct still_stats stats;
-    struct still_wish wish = t->shared->config.converge;
+    struct refiner_stats stats;
+    struct refiner_wish wish = t->shared->config.converge;
 
     wish.error = fmax(wish.error, settings_now(&t->shared->settings).error); /* no better than the user requested */
-    still_look(r->still, &wish, &stats);
+    refiner_look(r->refiner, &wish, &stats);
     if (stats.converged ||
         (stats.passes >= FIRST_PASSES && (double)stats.passes >= PUBLISH_GROWTH * (double)r->published_passes &&
          clock_seconds() - r->published_s >= PUBLISH_S)) {
-        status_picture_refined(&t->shared->status, &stats);
-        publish_picture(t, stats.passes);
+        status_image_refined(&t->shared->status, &stats);
+        publish_image(t, stats.passes);
         r->published_passes = stats.passes;
         r->published_s = clock_seconds();
     }
@@ -149,7 +149,7 @@ enum err refine_pass(struct shade_thread *t, struct reason *why)
     if (!r->begun && !begin(t))
         return ERR_OK;
     const double start = clock_seconds();
-    const enum err e = still_pass(r->still, r->shown.in->environment, &r->shown.light);
+    const enum err e = refiner_pass(r->refiner, r->shown.in->environment, &r->shown.light);
     if (e)
         return err_say(why, e, "no memory to refine a still image");
     r->pass_s += clock_seconds() - start;

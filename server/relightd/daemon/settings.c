@@ -145,7 +145,7 @@ bool settings_cost_too_much(struct settings_store *store, const struct settings 
     if (!store->estimate || (s->samples == now.samples && s->counted == now.counted && s->method == now.method &&
                              s->classes == now.classes))
         return false;
-    const double seconds = store->estimate(store->estimate_user, s), most = store->config->picture_s;
+    const double seconds = store->estimate(store->estimate_user, s), most = store->config->image_s;
     if (seconds <= most || seconds <= store->estimate(store->estimate_user, &now))
         return false;
     err_say(why, ERR_USAGE, "an image would take some %.*f s, more than the limit of %g s", seconds < 10.0, seconds,

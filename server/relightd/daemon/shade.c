@@ -1,4 +1,4 @@
-#include "relightd/daemon/shade_parts.h"
+#include "relightd/daemon/shade_internal.h"
 
 #include "base/clock.h"
 #include "base/mem.h"
@@ -8,17 +8,17 @@
 #include <time.h>
 
 #define POLL_MS 30       /* how soon controls are noticed while no frame comes */
-#define PACE_MS 2        /* likewise while a picture is not due yet */
-#define AUDIT_SHARE 0.05 /* of a picture's rays, to state its error, */
+#define PACE_MS 2        /* likewise while an image is not due yet */
+#define AUDIT_SHARE 0.05 /* of an image's rays, to state its error, */
 #define AUDIT_MOST 0.01  /* and of the processor time: 2 % are promised, and the process's clock counts all threads */
-#define AGAIN_S 0.1      /* after a cancelled picture: how long to wait for its frame with the new settings */
+#define AGAIN_S 0.1      /* after a cancelled image: how long to wait for its frame with the new settings */
 
 static bool is_stopping(const struct shade_thread *t)
 {
     return atomic_load(t->shared->stop);
 }
 
-/* ---- One picture ---- */
+/* ---- One image ---- */
 
 /* Combines the configuration with the settings. */
 static struct relight_desc describe_light(struct shade_thread *t, const struct ingested *in, const struct settings *now,
@@ -31,7 +31,7 @@ static struct relight_desc describe_light(struct shade_thread *t, const struct i
     desc.direct.method = now->method;
     desc.direct.samples = now->samples;
     desc.direct.pass = c->setup.reseed ? in->environment->number : 0;
-    desc.turn = in->ticket.lockstep ? in->environment->number : t->pictures; /* dropped frames do not count */
+    desc.turn = in->ticket.lockstep ? in->environment->number : t->images; /* dropped frames do not count */
     desc.direct.cancel = in->ticket.lockstep ? t->shared->stop : &t->shared->watch.cancel;
     desc.direct.why = why;
     desc.audit = in->ticket.lockstep ? 0.0 : AUDIT_SHARE;
@@ -71,7 +71,7 @@ static struct frame_request make_request(struct shade_thread *t, const struct in
     if (l->settings.method != METHOD_AUTO || l->settings.counted || in->ticket.lockstep)
         return q;
     q.target.seconds =
-        decider_target_s(&t->decider, t->relighter, fmin(1.0 / l->settings.fps, t->shared->config.picture_s));
+        decider_target_s(&t->decider, t->relighter, fmin(1.0 / l->settings.fps, t->shared->config.image_s));
     q.target.error = l->settings.error;
     return q;
 }
@@ -85,19 +85,19 @@ static enum err light_frame(struct shade_thread *t, const struct ingested *in, f
 
     l->settings = in->ticket.lockstep ? shared->config.setup.initial : settings_now(&shared->settings);
     l->asked = describe_light(t, in, &l->settings, why);
-    t->pictures += !in->ticket.lockstep;
+    t->images += !in->ticket.lockstep;
     l->request = make_request(t, in, l);
     if (!in->ticket.lockstep)
         decider_begin(&t->decider, r, &l->request);
     if (l->request.target.seconds > 0.0)
         l->request.target.seconds =
-            fmin(decider_target_s(&t->decider, r, fmin(1.0 / l->settings.fps, shared->config.picture_s)),
-                 shared->config.picture_s);
+            fmin(decider_target_s(&t->decider, r, fmin(1.0 / l->settings.fps, shared->config.image_s)),
+                 shared->config.image_s);
     decide(&t->decider, &l->request, &l->decision);
     return decider_run(&t->decider, r, in->environment, &l->request, &l->decision, rgb, &l->stats, &l->pilot);
 }
 
-/* Fills in a picture's change map, for those who subscribe to them. first: nothing before it counts. */
+/* Fills in an image's change map, for those who subscribe to them. first: nothing before it counts. */
 static void find_changes(struct shade_thread *t, struct shaded *out, const struct lighting *l, bool lockstep,
                          bool first)
 {
@@ -116,7 +116,7 @@ static void publish(struct shade_thread *t, int slot, const struct ingested *in,
                     bool new_view)
 {
     struct shared *shared = t->shared;
-    struct shaded *out = &shared->pictures.slot[slot];
+    struct shaded *out = &shared->images.slot[slot];
     const struct relight_desc *light = &l->decision.light;
     const bool measured = l->decision.by == DECIDED_BY_MEASURES;
     struct protocol_picture header =
@@ -126,11 +126,11 @@ static void publish(struct shade_thread *t, int slot, const struct ingested *in,
     out->header = header;
     out->ticket = l->again ? (struct server_ticket){ .id = 0 } : in->ticket;
     out->new_view = new_view;
-    probe_report_picture(t, out);
-    picture_slots_publish(&shared->pictures, slot, shared->server); /* from here on the slot is the encode thread's */
+    inspect_report_image(t, out);
+    image_slots_publish(&shared->images, slot, shared->server); /* from here on the slot is the encode thread's */
     const double now_s = clock_seconds();
-    status_picture_shaded(&shared->status,
-                          &(struct picture_report){ in, header, light, &l->stats, measured ? &l->pilot : NULL,
+    status_image_shaded(&shared->status,
+                          &(struct image_report){ in, header, light, &l->stats, measured ? &l->pilot : NULL,
                                                     t->shaded_s > 0.0 ? now_s - t->shaded_s : 0.0, t->set->coarse });
     if (!measured && !light->denoise) /* what the filter takes, no setting asks for */
         cost_learn(&t->cost, (in->ticket.lockstep ? t->first_set : t->set)->facts.points, light, &l->stats);
@@ -138,7 +138,7 @@ static void publish(struct shade_thread *t, int slot, const struct ingested *in,
         settings_set_proven(&shared->settings, l->settings.light_version);
     decider_learn(&t->decider, t->relighter, &l->request, &l->decision, &l->stats, &l->pilot);
     const double since_s = t->shaded_s > 0.0 ? now_s - t->shaded_s : 0.0;
-    refine_open(t, &(struct shown_picture){ in, out, *light, header, now_s, since_s });
+    refine_open(t, &(struct shown_image){ in, out, *light, header, now_s, since_s });
     t->shaded_s = now_s;
 }
 
@@ -147,16 +147,16 @@ static enum err shade_frame(struct shade_thread *t, const struct ingested *in, b
                             struct reason *why)
 {
     struct shared *shared = t->shared;
-    const int slot = handoff_begin(&shared->pictures.handoff);
+    const int slot = handoff_begin(&shared->images.handoff);
     const double queued_ms = again ? 0.0 : (double)(clock_ms() - in->ready_ms);
     struct lighting l = { .again = again };
 
     t->last = NULL; /* this may be its slot, and its frame is gone */
-    picture_begin(t, in->ticket.lockstep);
-    const enum err e = light_frame(t, in, shared->pictures.slot[slot].rgb, &l, why);
-    const bool cut = picture_end(t);
+    image_begin(t, in->ticket.lockstep);
+    const enum err e = light_frame(t, in, shared->images.slot[slot].rgb, &l, why);
+    const bool cut = image_end(t);
     t->display_version = l.settings.display_version;
-    if (e == ERR_UNSUPPORTED || e == ERR_RANGE) { /* this layout or this size: the picture before stays */
+    if (e == ERR_UNSUPPORTED || e == ERR_RANGE) { /* this layout or this size: the image before stays */
         server_frame_fate(shared->server, &in->ticket, SERVER_REFUSED, why->text);
         status_frame_unusable(&shared->status, why->text);
         return ERR_OK;
@@ -164,10 +164,10 @@ static enum err shade_frame(struct shade_thread *t, const struct ingested *in, b
     if (e)
         return err_say(why, e, "%s: no memory for the light samples", in->environment->name);
     t->cut_new_view = cut && new_view;
-    if (!is_stopping(t) && !cut) { /* else the picture is incomplete */
-        lamps_take_sky(t, shared->pictures.slot[slot].rgb);
-        lamps_add(t, in->ticket.lockstep, l.settings.lamps, shared->pictures.slot[slot].rgb);
-        find_changes(t, &shared->pictures.slot[slot], &l, in->ticket.lockstep, new_view);
+    if (!is_stopping(t) && !cut) { /* else the image is incomplete */
+        lamps_take_sky(t, shared->images.slot[slot].rgb);
+        lamps_add(t, in->ticket.lockstep, l.settings.lamps, shared->images.slot[slot].rgb);
+        find_changes(t, &shared->images.slot[slot], &l, in->ticket.lockstep, new_view);
         publish(t, slot, in, &l, queued_ms, new_view);
     }
     return ERR_OK;
@@ -175,7 +175,7 @@ static enum err shade_frame(struct shade_thread *t, const struct ingested *in, b
 
 /* ---- The loop ---- */
 
-/* Seconds between pictures. Without viewers, one picture per second keeps the last one current; a recorder waits for
+/* Seconds between images. Without viewers, one image per second keeps the last one current; a recorder waits for
  * every frame, so its frames are made as fast as possible. */
 static double interval_s(struct shade_thread *t)
 {
@@ -227,7 +227,7 @@ bool shade_thread_next(void *thread, const struct environment **e, const struct 
     l->settings = settings_now(&t->shared->settings);
     l->asked = describe_light(t, in, &l->settings, NULL);
     l->request = make_request(t, in, l);
-    if (l->request.target.seconds > 0.0 || l->request.target.error > 0.0) /* by what this picture will have taken */
+    if (l->request.target.seconds > 0.0 || l->request.target.error > 0.0) /* by what this image will have taken */
         return false;
     decide(&t->decider, &l->request, &l->decision);
     *e = in->environment;
@@ -235,7 +235,7 @@ bool shade_thread_next(void *thread, const struct environment **e, const struct 
     return true;
 }
 
-/* Takes the newest frame, releases the previous one and lights the new one. due_s: when this picture was due. */
+/* Takes the newest frame, releases the previous one and lights the new one. due_s: when this image was due. */
 static enum err shade_next(struct shade_thread *t, double due_s, double now_s, struct reason *why)
 {
     struct frame_slots *frames = &t->shared->frames;
@@ -249,12 +249,12 @@ static enum err shade_next(struct shade_thread *t, double due_s, double now_s, s
     t->early = HANDOFF_NONE;
     if (t->held == HANDOFF_NONE) /* closed */
         return ERR_OK;
-    /* Keep to the grid of the requested rate, unless it was missed by more than one picture. */
+    /* Keep to the grid of the requested rate, unless it was missed by more than one image. */
     t->begun_s = now_s - due_s < interval_s(t) ? due_s : now_s;
     return shade_frame(t, &frames->slot[t->held], t->cut_new_view, false, why);
 }
 
-/* Lights the frame of a cancelled picture again, unless ingest has published it again or a newer one meanwhile. */
+/* Lights the frame of a cancelled image again, unless ingest has published it again or a newer one meanwhile. */
 static enum err shade_again(struct shade_thread *t, double now_s, struct reason *why)
 {
     if (!(t->cut_s > 0.0) || now_s - t->cut_s < AGAIN_S)
@@ -281,7 +281,7 @@ enum err shade_thread_turn(struct shade_thread *t, struct reason *why)
     const enum err e = apply_controls(t, why);
     if (e)
         return e;
-    probe_result(t);
+    inspect_result(t);
     if (camera_is_completed(t)) {
         nanosleep(&(struct timespec){ .tv_nsec = PACE_MS * 1000000L }, NULL);
         return ERR_OK;
@@ -339,7 +339,7 @@ static bool may_be_coarse(const struct shared *shared)
 enum err shade_thread_create(struct shared *shared, struct shade_thread **out, struct reason *why)
 {
     const struct daemon_config *c = &shared->config;
-    struct set_desc desc = c->setup.set_desc;
+    struct prepared_scene_desc desc = c->setup.set_desc;
     struct shade_thread *t = mem_alloc(1, sizeof(*t));
 
     *out = NULL;
@@ -371,7 +371,7 @@ failed:
 
 double shade_thread_estimate(void *t, const struct settings *s)
 {
-    return picture_seconds(t, ((struct shade_thread *)t)->set, s);
+    return image_seconds(t, ((struct shade_thread *)t)->set, s);
 }
 
 struct relighter *shade_thread_relighter(struct shade_thread *t)
@@ -411,8 +411,8 @@ void shade_thread_destroy(struct shade_thread *t)
     if (!t)
         return;
     decider_finish(&t->decider);
-    still_destroy(t->refine.still);
-    probe_finish(t);
+    refiner_destroy(t->refine.refiner);
+    inspect_finish(t);
     changes_finish(&t->changes);
     lamps_finish(t);
     camera_finish(t);

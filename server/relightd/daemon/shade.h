@@ -1,4 +1,4 @@
-/* The shade thread, which is the main thread. It renders frame after frame, refines the picture while no new frame
+/* The shade thread, which is the main thread. It renders frame after frame, refines the image while no new frame
  * arrives, changes cameras and answers queries about pixels. */
 #pragma once
 
@@ -26,20 +26,20 @@ const char *shade_thread_view(const struct shade_thread *t); /* the current came
 /* The relighter of the first view, which stays in a job. Owned by t. */
 struct relighter *shade_thread_relighter(struct shade_thread *t);
 
-/* A team_next (job/team/team.h) of a shade_thread: the next frame, if it is there and its picture due. */
+/* A team_next (job/team/team.h) of a shade_thread: the next frame, if it is there and its image due. */
 bool shade_thread_next(void *thread, const struct environment **e, const struct relight_desc **request);
 
 /* Computes the data that the method needs before its first frame (a light transport cache). Errors are those of
  * relighter_prepare. */
 MUST_CHECK enum err shade_thread_prepare(struct shade_thread *t, struct reason *why);
 
-/* Seconds that a picture would take with these settings; 0: unknown, or certainly within the limit. */
+/* Seconds that an image would take with these settings; 0: unknown, or certainly within the limit. */
 double shade_thread_estimate(void *t, const struct settings *s);
 
-/* Makes pictures until shared->stop. ERR_NOMEM: *why names the purpose. */
+/* Makes images until shared->stop. ERR_NOMEM: *why names the purpose. */
 MUST_CHECK enum err shade_thread_run(struct shade_thread *t, struct reason *why);
 
-/* Runs one iteration of that loop, of at most some 30 ms unless it makes a picture: applies controls, answers one query
+/* Runs one iteration of that loop, of at most some 30 ms unless it makes an image: applies controls, answers one query
  * about a pixel, then lights a new frame, runs a refinement pass or waits. */
 MUST_CHECK enum err shade_thread_turn(struct shade_thread *t, struct reason *why);
 

@@ -7,7 +7,7 @@ enum err shared_init(struct shared *s, struct reason *why)
     settings_init(&s->settings, &s->config);
     status_init(&s->status, s);
     if (frame_slots_init(&s->frames, &s->config, s->ranks ? HANDOFF_SLOTS_EARLY : HANDOFF_SLOTS) ||
-        picture_slots_init(&s->pictures, width, height))
+        image_slots_init(&s->images, width, height))
         return err_say(why, ERR_NOMEM, "no memory for images of %ux%u", width, height);
     return ERR_OK;
 }
@@ -15,7 +15,7 @@ enum err shared_init(struct shared *s, struct reason *why)
 void shared_finish(struct shared *s)
 {
     frame_slots_finish(&s->frames);
-    picture_slots_finish(&s->pictures);
+    image_slots_finish(&s->images);
     settings_finish(&s->settings);
     status_finish(&s->status);
 }
@@ -23,7 +23,7 @@ void shared_finish(struct shared *s)
 void shared_close(struct shared *s)
 {
     handoff_close(&s->frames.handoff);
-    handoff_close(&s->pictures.handoff);
+    handoff_close(&s->images.handoff);
 }
 
 bool shared_is_stopping(struct shared *s)

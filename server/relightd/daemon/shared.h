@@ -11,7 +11,7 @@
 #include <stdatomic.h>
 
 /* The current image. The shade thread sets all but cancel, which the housekeeping thread sets. */
-struct picture_watch {
+struct image_watch {
     atomic_int_least64_t begun_ms; /* clock_ms; 0: no image in progress */
     atomic_bool may_cancel;        /* a new setting may cancel it */
     atomic_bool cancel;
@@ -27,8 +27,8 @@ struct shared {
     struct settings_store settings;
     struct status_board status;
     struct frame_slots frames;     /* ingest -> shade */
-    struct picture_slots pictures; /* shade -> encode */
-    struct picture_watch watch;
+    struct image_slots images; /* shade -> encode */
+    struct image_watch watch;
 
     const atomic_bool *stop;      /* a signal sets it: the program ends */
     atomic_bool *new_work;        /* any thread sets it to end the current refinement pass */

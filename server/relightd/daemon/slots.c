@@ -31,7 +31,7 @@ void frame_slots_finish(struct frame_slots *s)
     handoff_finish(&s->handoff);
 }
 
-enum err picture_slots_init(struct picture_slots *s, uint32_t width, uint32_t height)
+enum err image_slots_init(struct image_slots *s, uint32_t width, uint32_t height)
 {
     bool ok = true;
 
@@ -44,7 +44,7 @@ enum err picture_slots_init(struct picture_slots *s, uint32_t width, uint32_t he
     return ok ? ERR_OK : ERR_NOMEM;
 }
 
-void picture_slots_finish(struct picture_slots *s)
+void image_slots_finish(struct image_slots *s)
 {
     for (int i = 0; i < HANDOFF_SLOTS; i++) {
         mem_free(s->slot[i].rgb);
@@ -53,7 +53,7 @@ void picture_slots_finish(struct picture_slots *s)
     handoff_finish(&s->handoff);
 }
 
-void picture_slots_publish(struct picture_slots *s, int slot, struct server *server)
+void image_slots_publish(struct image_slots *s, int slot, struct server *server)
 {
     const int dropped = handoff_publish(&s->handoff, slot);
 

@@ -1,4 +1,4 @@
-/* Handoff between threads: frames from ingest to shade, pictures from shade to encode. Three slots each
+/* Handoff between threads: frames from ingest to shade, images from shade to encode. Three slots each
  * (base/handoff.h): the newest wins, and one thread at a time writes or reads a slot. As a job, the shade thread takes
  * frames early, and there are four. */
 #pragma once
@@ -25,14 +25,14 @@ struct ingested {
     struct source_place place;
 };
 
-/* A linear picture, float[height][width][3], ready to encode. */
+/* A linear image, float[height][width][3], ready to encode. */
 struct shaded {
     float *rgb;
     uint8_t *changes; /* [height][width][3]: which pixels changed (light/frame/changes.h), if has_changes */
     bool has_changes; /* somebody asked for them */
     struct protocol_picture header;
     struct server_ticket ticket;
-    bool new_view; /* first picture of another camera: automatic exposure restarts */
+    bool new_view; /* first image of another camera: automatic exposure restarts */
 };
 
 struct frame_slots {
@@ -42,7 +42,7 @@ struct frame_slots {
     struct resample_tables *tables; /* shared by these environments */
 };
 
-struct picture_slots {
+struct image_slots {
     struct handoff handoff;
     struct shaded slot[HANDOFF_SLOTS];
 };
@@ -50,8 +50,8 @@ struct picture_slots {
 /* Main thread, before the others start. ERR_NOMEM; call finish in either case, which accepts zeroed memory. */
 MUST_CHECK enum err frame_slots_init(struct frame_slots *s, const struct daemon_config *config, int count);
 void frame_slots_finish(struct frame_slots *s);
-MUST_CHECK enum err picture_slots_init(struct picture_slots *s, uint32_t width, uint32_t height);
-void picture_slots_finish(struct picture_slots *s);
+MUST_CHECK enum err image_slots_init(struct image_slots *s, uint32_t width, uint32_t height);
+void image_slots_finish(struct image_slots *s);
 
-/* Shade thread: hands the slot to the encode thread. A picture that this replaces is reported as superseded. */
-void picture_slots_publish(struct picture_slots *s, int slot, struct server *server);
+/* Shade thread: hands the slot to the encode thread. An image that this replaces is reported as superseded. */
+void image_slots_publish(struct image_slots *s, int slot, struct server *server);

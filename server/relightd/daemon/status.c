@@ -21,7 +21,7 @@ void status_init(struct status_board *b, struct shared *shared)
     b->figures.not_offered = panoramic; /* until a sky is there */
     pthread_mutex_init(&b->lock, NULL);
     b->frames = &shared->frames.handoff;
-    b->pictures = &shared->pictures.handoff;
+    b->images = &shared->images.handoff;
 }
 
 void status_finish(struct status_board *b)
@@ -39,7 +39,7 @@ static double smooth(double old, double reading)
 static void send_figures(struct status_board *b)
 {
     b->figures.frames_waiting = handoff_wait_newer(b->frames, 0);
-    b->figures.pictures_waiting = handoff_wait_newer(b->pictures, 0);
+    b->figures.images_waiting = handoff_wait_newer(b->images, 0);
     server_set_figures(b->server, &b->figures);
 }
 
@@ -202,8 +202,8 @@ void status_frame_unusable(struct status_board *b, const char *why)
     pthread_mutex_unlock(&b->lock);
 }
 
-/* What the plan chose and what it left out: "direct light, interreflection by eye paths". */
-static void note_plan(struct server_figures *f, const struct picture_report *report)
+/* What the plan chose and what it left out: "direct light, indirect light by eye paths". */
+static void note_plan(struct server_figures *f, const struct image_report *report)
 {
     static const char between[] = ", ";
     const struct relight_stats *s = report->stats;
@@ -220,7 +220,7 @@ static void note_plan(struct server_figures *f, const struct picture_report *rep
     if (p->caustics != PLAN_NONE)
         append(f->paths, size, between, "caustics by %s", plan_estimator_name(p->caustics));
     if (p->indirect != PLAN_NONE)
-        append(f->paths, size, between, "interreflection by %s", plan_estimator_name(p->indirect));
+        append(f->paths, size, between, "indirect light by %s", plan_estimator_name(p->indirect));
     for (uint32_t k = 0; k < p->left_out_count; k++)
         append(f->left_out, sizeof(f->left_out), "; ", "%s", p->left_out[k]);
     if (report->coarse)
@@ -283,12 +283,12 @@ static void note_methods(struct server_figures *f, const struct environment *e)
 }
 
 /* {lock} Rays and samples of one image, and what its stages took. */
-static void note_work(struct status_board *b, const struct picture_report *report)
+static void note_work(struct status_board *b, const struct image_report *report)
 {
     struct server_figures *f = &b->figures;
     const struct relight_stats *s = report->stats;
     const struct protocol_picture *p = &report->header;
-    const uint64_t cache_rays = s->cache.rays + s->bounce.rays;
+    const uint64_t cache_rays = s->cache.rays + s->indirect.rays;
 
     f->direct_rays += s->direct.rays;
     f->eye_rays += s->eye.rays;
@@ -305,7 +305,7 @@ static void note_work(struct status_board *b, const struct picture_report *repor
     server_observe(b->server, SERVER_SHADE, 1e-6 * p->shaded_us);
 }
 
-void status_picture_shaded(struct status_board *b, const struct picture_report *report)
+void status_image_shaded(struct status_board *b, const struct image_report *report)
 {
     const struct protocol_picture *p = &report->header;
     const struct relight_stats *stats = report->stats;
@@ -369,7 +369,7 @@ void status_set_lamps(struct status_board *b, uint32_t samples, uint32_t wanted)
     pthread_mutex_unlock(&b->lock);
 }
 
-void status_picture_refined(struct status_board *b, const struct still_stats *stats)
+void status_image_refined(struct status_board *b, const struct refiner_stats *stats)
 {
     pthread_mutex_lock(&b->lock);
     b->figures.all_passes += stats->passes > b->figures.passes ? stats->passes - b->figures.passes : 0;
@@ -381,7 +381,7 @@ void status_picture_refined(struct status_board *b, const struct still_stats *st
     pthread_mutex_unlock(&b->lock);
 }
 
-void status_picture_encoded(struct status_board *b, double ms)
+void status_image_encoded(struct status_board *b, double ms)
 {
     pthread_mutex_lock(&b->lock);
     b->figures.encoded_ms = smooth(b->figures.encoded_ms, ms);
@@ -389,7 +389,7 @@ void status_picture_encoded(struct status_board *b, double ms)
     pthread_mutex_unlock(&b->lock);
 }
 
-void status_picture_late(struct status_board *b, double seconds, bool first)
+void status_image_late(struct status_board *b, double seconds, bool first)
 {
     pthread_mutex_lock(&b->lock);
     b->figures.late += first;

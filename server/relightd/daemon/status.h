@@ -19,11 +19,11 @@ struct relight_stats;
 struct scene;
 struct settings_store;
 struct shared;
-struct still_stats;
+struct refiner_stats;
 
 struct status_board {
     struct server *server; /* constant */
-    struct handoff *frames, *pictures;
+    struct handoff *frames, *images;
 
     pthread_mutex_t lock;
     struct server_figures figures; /* {lock} */
@@ -57,7 +57,7 @@ void status_frame_received(struct status_board *b, const struct image_faults *fa
 void status_frame_unusable(struct status_board *b, const char *why);
 
 /* An image of a frame: its inputs, its statistics and the time since the previous one. */
-struct picture_report {
+struct image_report {
     const struct ingested *in;
     struct protocol_picture header;
     const struct relight_desc *light;
@@ -67,14 +67,14 @@ struct picture_report {
     bool coarse;                     /* of a first view whose camera rays are not complete */
 };
 /* Adds the report to the figures and publishes them. Keeps no pointers. Thread: shade. */
-void status_picture_shaded(struct status_board *b, const struct picture_report *report);
+void status_image_shaded(struct status_board *b, const struct image_report *report);
 /* The next image is a refinement of the same frame. */
-void status_picture_refined(struct status_board *b, const struct still_stats *stats);
-void status_picture_encoded(struct status_board *b, double ms);
+void status_image_refined(struct status_board *b, const struct refiner_stats *stats);
+void status_image_encoded(struct status_board *b, double ms);
 
 /* The current image exceeds its time limit; seconds so far, or 0: it is finished. first: not reported for this
  * image before. */
-void status_picture_late(struct status_board *b, double seconds, bool first);
+void status_image_late(struct status_board *b, double seconds, bool first);
 
 /* Counts of the decoder for producers' files; confined: the kernel limits its system calls. */
 void status_decoder(struct status_board *b, const struct decoder_counts *counts, bool confined);

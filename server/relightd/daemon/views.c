@@ -22,7 +22,7 @@ enum err settings_find_camera(struct settings_store *store, const char *name, st
     char text[FREE_VIEW_TEXT] = "";
 
     if (camera) {
-        const struct set_desc *desc = &store->config->setup.set_desc;
+        const struct prepared_scene_desc *desc = &store->config->setup.set_desc;
         *out = *camera;
         return camera == scene_camera(store->scene, desc->camera) ? view_change_apply(&desc->change, out, why) : ERR_OK;
     }

@@ -43,7 +43,7 @@ struct settings {
 /* All values of the table. Zeroed memory, then settings_table's flags by command_read, then setup_complete. */
 struct setup {
     struct settings initial;
-    struct set_desc set_desc;
+    struct prepared_scene_desc set_desc;
     struct source_desc source_desc;
     struct relight_desc light;           /* method, samples and classes too */
     struct environment_desc environment; /* rotation and scale too */

@@ -118,7 +118,7 @@ static float alpha_at(const struct mask *m, uint32_t triangle, float u, float v)
 }
 
 /* For thin glass: the share of rays in this direction, of any length, that hit it. */
-static float share_of_sheet(const struct mask *m, uint32_t triangle, float u, float v, const float dir[3])
+static float share_of_thin_glass(const struct mask *m, uint32_t triangle, float u, float v, const float dir[3])
 {
     const struct mesh *mesh = m->mesh;
     const uint32_t *t = mesh->indices + 3 * (size_t)triangle;
@@ -139,7 +139,7 @@ static float share_of_sheet(const struct mask *m, uint32_t triangle, float u, fl
     }
     mesh_corners_rounded(mesh, triangle, p);
     const struct vec3 n = vec3_cross(vec3_sub(p[1], p[0]), vec3_sub(p[2], p[0]));
-    return sheet_at(m->material->ior, tint, vec3_dot(n, d) / (vec3_length(n) * vec3_length(d))).covers;
+    return thin_glass_at(m->material->ior, tint, vec3_dot(n, d) / (vec3_length(n) * vec3_length(d))).covers;
 }
 
 bool mask_covers_seen(const struct mask *m, uint32_t triangle, float u, float v)
@@ -154,7 +154,7 @@ bool mask_covers(const struct mask *m, uint32_t triangle, float u, float v, cons
     if (!mask_covers_seen(m, triangle, u, v))
         return false;
     if (m->material->thin)
-        share *= share_of_sheet(m, triangle, u, v, dir);
+        share *= share_of_thin_glass(m, triangle, u, v, dir);
     return m->material->alpha_mode == ALPHA_MASK && !m->material->thin ? true
                                                                        : hash_ray(m, triangle, origin, dir) < share;
 }
@@ -222,11 +222,11 @@ float coverage_seen(const struct scene *s, const struct hit *h, const struct sca
                 (t ? texture_filter_alpha(t, uv[0], uv[1], uv_step) : 1.0f);
     }
     passed[0] = passed[1] = passed[2] = 1.0f - alpha;
-    if (at->delta != DELTA_SHEET)
+    if (at->delta != DELTA_THIN_GLASS)
         return alpha;
-    const struct sheet sheet = sheet_at(at->ior, at->reflectance, vec3_dot(dir, at->surface.geometric));
-    passed[0] += alpha * sheet.passed.x;
-    passed[1] += alpha * sheet.passed.y;
-    passed[2] += alpha * sheet.passed.z;
-    return alpha * sheet.covers;
+    const struct thin_glass glass = thin_glass_at(at->ior, at->reflectance, vec3_dot(dir, at->surface.geometric));
+    passed[0] += alpha * glass.passed.x;
+    passed[1] += alpha * glass.passed.y;
+    passed[2] += alpha * glass.passed.z;
+    return alpha * glass.covers;
 }

@@ -97,11 +97,11 @@ static int by_share(const void *a, const void *b)
 static bool is_plain(const struct gbuffer *g, size_t pixel)
 {
     const uint32_t first = g->entry_first[pixel], entries = g->entry_first[pixel + 1] - first;
-    const uint32_t escapes = g->escape_first[pixel + 1] - g->escape_first[pixel];
+    const uint32_t misses = g->miss_first[pixel + 1] - g->miss_first[pixel];
 
-    if (entries + escapes != 1)
+    if (entries + misses != 1)
         return false;
-    return escapes == 1 || !g->packets[g->entries[first].point / PACKET].behind[g->entries[first].point % PACKET];
+    return misses == 1 || !g->packets[g->entries[first].point / PACKET].behind[g->entries[first].point % PACKET];
 }
 
 /* One ray through the centre; for shares, side^2 rays with the G-buffer's jitter in pixels with edges. */

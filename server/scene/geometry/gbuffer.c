@@ -106,9 +106,9 @@ static bool is_edge(const struct build *b, const struct scratch *s, uint32_t row
                 continue;
             const size_t at = (size_t)((int64_t)row + dy) * width + (size_t)nx;
             const struct leaf *other = &s->centres[at];
-            if (s->uneven[at] || own->escaped != other->escaped)
+            if (s->uneven[at] || own->missed != other->missed)
                 return true;
-            if (!own->escaped && (!leaf_alike(&b->sight, own, other) || !same_colour(own, other)))
+            if (!own->missed && (!leaf_alike(&b->sight, own, other) || !same_colour(own, other)))
                 return true;
         }
     }
@@ -161,11 +161,11 @@ static uint32_t trace_edge(const struct build *b, const struct scratch *s, uint3
     return n;
 }
 
-static bool add_escape(struct row *r, const struct leaf *l)
+static bool add_miss(struct row *r, const struct leaf *l)
 {
-    if (!mem_reserve(&r->escapes, r->escape_count, &r->escape_room, sizeof(*r->escapes)))
+    if (!mem_reserve(&r->misses, r->miss_count, &r->miss_room, sizeof(*r->misses)))
         return false;
-    struct gbuffer_escape *out = &r->escapes[r->escape_count++];
+    struct gbuffer_miss *out = &r->misses[r->miss_count++];
     out->direction = l->arrival;
     out->width = l->footprint;
     memcpy(out->weight, l->weight, sizeof(out->weight));
@@ -204,21 +204,21 @@ static bool add_leaf(struct row *r, const struct leaf *l, uint32_t x, uint32_t y
 {
     if (l->weight[0] + l->weight[1] + l->weight[2] <= 0.0f)
         return true;
-    return l->escaped ? add_escape(r, l) : add_point(r, l, x, y);
+    return l->missed ? add_miss(r, l) : add_point(r, l, x, y);
 }
 
-/* Builds a row of pixels. entry_first and escape_first receive counts within the row; prefix sums are computed later.
+/* Builds a row of pixels. entry_first and miss_first receive counts within the row; prefix sums are computed later.
  */
 static bool build_row(struct build *b, struct scratch *s, uint32_t in_band, uint32_t y)
 {
     const uint32_t width = b->desc->width;
     struct row *r = &s->draft;
 
-    r->point_count = r->escape_count = r->edge_pixels = 0;
+    r->point_count = r->miss_count = r->edge_pixels = 0;
     r->count = b->rows[y].count; /* of its centre samples */
     for (uint32_t x = 0; x < width; x++) {
         const size_t pixel = (size_t)y * width + x;
-        const uint32_t points = r->point_count, escapes = r->escape_count;
+        const uint32_t points = r->point_count, misses = r->miss_count;
         const bool edge = is_edge(b, s, in_band, x, y);
         const size_t centre = (size_t)in_band * width + x;
         struct sighting found = { .uneven = s->uneven[centre] };
@@ -243,7 +243,7 @@ static bool build_row(struct build *b, struct scratch *s, uint32_t in_band, uint
         if (b->g->glow)
             memcpy(b->g->glow + 3 * pixel, found.glow, sizeof(found.glow));
         b->g->entry_first[pixel + 1] = r->point_count - points;
-        b->g->escape_first[pixel + 1] = r->escape_count - escapes;
+        b->g->miss_first[pixel + 1] = r->miss_count - misses;
     }
     return true;
 }
@@ -290,24 +290,24 @@ static bool keep_row(struct build *b, struct scratch *s, uint32_t y)
     const struct row *draft = &s->draft;
     const size_t points = draft->point_count * sizeof(*draft->points);
     const size_t entries = draft->point_count * sizeof(*draft->entries);
-    const size_t escapes = draft->escape_count * sizeof(*draft->escapes);
+    const size_t misses = draft->miss_count * sizeof(*draft->misses);
     struct row *r = &b->rows[y];
 
-    if (!slab_reserve(&s->slab, aligned(points) + aligned(entries) + aligned(escapes)))
+    if (!slab_reserve(&s->slab, aligned(points) + aligned(entries) + aligned(misses)))
         return false;
     *r = *draft;
     r->slab = s->slab;
     r->slab->holders++;
     r->points = slab_copy(r->slab, draft->points, points);
     r->entries = slab_copy(r->slab, draft->entries, entries);
-    r->escapes = slab_copy(r->slab, draft->escapes, escapes);
+    r->misses = slab_copy(r->slab, draft->misses, misses);
     return true;
 }
 
 static uint64_t row_bytes(const struct row *r)
 {
     return r->point_count * (sizeof(struct shade_point) + sizeof(struct gbuffer_entry) + PACKING_BYTES) +
-           r->escape_count * sizeof(struct gbuffer_escape);
+           r->miss_count * sizeof(struct gbuffer_miss);
 }
 
 static void build_band(struct build *b, struct scratch *s, uint32_t band)
@@ -371,7 +371,7 @@ static void scratch_finish(struct scratch *s)
     mem_free(s->links);
     mem_free(s->draft.points);
     mem_free(s->draft.entries);
-    mem_free(s->draft.escapes);
+    mem_free(s->draft.misses);
     slab_release(s->slab);
 }
 
@@ -415,8 +415,8 @@ static enum err join_rows(struct build *b, struct packing *p)
 
     g->packets = mem_alloc_raw(g->packet_count, sizeof(*g->packets));
     g->entries = mem_alloc_raw(g->entry_first[pixels], sizeof(*g->entries));
-    g->escapes = mem_alloc_raw(g->escape_first[pixels], sizeof(*g->escapes));
-    if (!g->packets || !g->entries || !g->escapes)
+    g->misses = mem_alloc_raw(g->miss_first[pixels], sizeof(*g->misses));
+    if (!g->packets || !g->entries || !g->misses)
         return ERR_NOMEM;
     for (uint32_t y = 0; y < g->height; y++) {
         struct row *r = &b->rows[y];
@@ -426,9 +426,9 @@ static enum err join_rows(struct build *b, struct packing *p)
             g->entries[first + i] = r->entries[i];
             g->entries[first + i].point = p->slots[first + i];
         }
-        if (r->escape_count > 0)
-            memcpy(g->escapes + g->escape_first[(size_t)y * g->width], r->escapes,
-                   r->escape_count * sizeof(*g->escapes));
+        if (r->miss_count > 0)
+            memcpy(g->misses + g->miss_first[(size_t)y * g->width], r->misses,
+                   r->miss_count * sizeof(*g->misses));
         slab_release(r->slab);
         r->slab = NULL;
     }
@@ -458,9 +458,9 @@ static enum err finish(struct build *b, struct reason *why)
     struct packing packing;
     const size_t pixels = (size_t)g->width * g->height;
     const uint64_t point_count = prefix_sum(g->entry_first, pixels);
-    const uint64_t escape_count = prefix_sum(g->escape_first, pixels);
+    const uint64_t miss_count = prefix_sum(g->miss_first, pixels);
 
-    if (point_count > UINT32_MAX - 4 * PACKET || escape_count > UINT32_MAX)
+    if (point_count > UINT32_MAX - 4 * PACKET || miss_count > UINT32_MAX)
         return too_large(b, why);
     enum err e = packing_init(&packing, b->rows, g->height, (uint32_t)point_count, g->interleave);
     if (e)
@@ -468,7 +468,7 @@ static enum err finish(struct build *b, struct reason *why)
     g->point_count = point_count;
     g->packet_count = packing.packet_count;
     g->bytes = sizeof(*g) + g->packet_count * sizeof(*g->packets) + point_count * sizeof(*g->entries) +
-               escape_count * sizeof(*g->escapes) + 2 * (pixels + 1) * sizeof(*g->entry_first) +
+               miss_count * sizeof(*g->misses) + 2 * (pixels + 1) * sizeof(*g->entry_first) +
                (g->glow ? pixels * 3 * sizeof(*g->glow) : 0);
     if (g->bytes > b->max_bytes)
         e = too_large(b, why);
@@ -491,9 +491,9 @@ static enum err build_all(struct build *b, struct reason *why)
         return too_large(b, why);
     b->rows = mem_alloc(g->height, sizeof(*b->rows));
     g->entry_first = mem_alloc(pixels + 1, sizeof(*g->entry_first));
-    g->escape_first = mem_alloc(pixels + 1, sizeof(*g->escape_first));
+    g->miss_first = mem_alloc(pixels + 1, sizeof(*g->miss_first));
     g->glow = b->sight.lamps ? mem_alloc(pixels, 3 * sizeof(*g->glow)) : NULL;
-    if (!b->rows || !g->entry_first || !g->escape_first || (b->sight.lamps && !g->glow))
+    if (!b->rows || !g->entry_first || !g->miss_first || (b->sight.lamps && !g->glow))
         return ERR_NOMEM;
     build_bands(b);
     if (b->failed)
@@ -563,8 +563,8 @@ void gbuffer_destroy(struct gbuffer *g)
     mem_free(g->packets);
     mem_free(g->entry_first);
     mem_free(g->entries);
-    mem_free(g->escape_first);
-    mem_free(g->escapes);
+    mem_free(g->miss_first);
+    mem_free(g->misses);
     mem_free(g->glow);
     mem_free(g);
 }

@@ -56,7 +56,7 @@ struct gbuffer_entry {
     float weight[3];
 };
 
-struct gbuffer_escape {
+struct gbuffer_miss {
     struct vec3 direction; /* unit, world */
     float weight[3];
     float width; /* radians, > 0: edge of the square of directions that it covers, after mirrors and glass spread it;
@@ -71,8 +71,8 @@ struct gbuffer {
     uint64_t point_count;  /* lanes in use, without padding */
     uint32_t *entry_first; /* [width * height + 1]: pixel i owns entries entry_first[i] .. entry_first[i + 1] */
     struct gbuffer_entry *entries;
-    uint32_t *escape_first; /* likewise, for escapes */
-    struct gbuffer_escape *escapes;
+    uint32_t *miss_first; /* likewise, for escapes */
+    struct gbuffer_miss *misses;
     float *glow; /* [height][width][3]: emission of the surfaces in a pixel, including those in mirrors and behind
                     glass; NULL: the scene has no lamps */
     uint64_t edge_pixels; /* pixels that got more than one camera ray */

@@ -8,7 +8,7 @@
 
 /* An end point of a camera ray traced through mirrors and glass: on a rough surface or in the environment. */
 struct leaf {
-    bool escaped;
+    bool missed;
     uint32_t bounces;              /* mirrors and glass along the way */
     struct vec3 arrival;           /* unit: direction of the last ray */
     float weight[3];               /* share of the camera ray */
@@ -115,9 +115,9 @@ struct row {
     struct slab *slab;
     struct shade_point *points;
     struct gbuffer_entry *entries; /* as many as points; .point counts from the row's first */
-    struct gbuffer_escape *escapes;
-    uint32_t point_count, escape_count;
-    size_t point_room, entry_room, escape_room; /* capacity of a draft's arrays */
+    struct gbuffer_miss *misses;
+    uint32_t point_count, miss_count;
+    size_t point_room, entry_room, miss_room; /* capacity of a draft's arrays */
     uint32_t edge_pixels;
     struct sight_count count;
 };

@@ -92,7 +92,7 @@ static void add_rough(struct chain *c, const struct branch *b, const struct hit 
         return;
     for (int k = 0; k < 3; k++)
         l->weight[k] *= share;
-    l->escaped = false;
+    l->missed = false;
     l->arrival = vec3_scale(wo, -1.0f);
     l->footprint = (b->distance + h->t) * c->sight->pixel_angle; /* dir is unit */
 
@@ -106,13 +106,13 @@ static void add_rough(struct chain *c, const struct branch *b, const struct hit 
     l->gloss = at->gloss;
 }
 
-static void add_escape(struct chain *c, const struct branch *b)
+static void add_miss(struct chain *c, const struct branch *b)
 {
     struct leaf *l = new_leaf(c, b);
 
     if (!l)
         return;
-    *l = (struct leaf){ .escaped = true,
+    *l = (struct leaf){ .missed = true,
                         .bounces = l->bounces,
                         .arrival = l->arrival,
                         .weight = { l->weight[0], l->weight[1], l->weight[2] },
@@ -246,7 +246,7 @@ uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir,
         const float width = s->holes ? cone_width(&b.cone) : 0.0f;
         const bool met = rays_see(s->rays, b.origin, b.dir, b.behind, width, &h, &varies);
         if (!met)
-            add_escape(&c, &b);
+            add_miss(&c, &b);
         const bool delta = met && meet(&c, &b, &h);
         if (b.bounces == 0 && (delta || varies))
             found->uneven = true;

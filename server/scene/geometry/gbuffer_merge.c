@@ -14,9 +14,9 @@ static bool lobes_alike(const struct leaf *a, const struct leaf *b)
 
 bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *b)
 {
-    if (a->escaped != b->escaped || a->bounces != b->bounces)
+    if (a->missed != b->missed || a->bounces != b->bounces)
         return false;
-    if (a->escaped)
+    if (a->missed)
         return vec3_length(vec3_sub(a->arrival, b->arrival)) <= s->pixel_angle;
     if (a->mesh != b->mesh || a->material != b->material || a->kind != b->kind || a->layer != b->layer ||
         !lobes_alike(a, b))
@@ -38,7 +38,7 @@ bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *
 /* The position of a leaf in clustering space: escapes by direction, points by position. */
 static struct vec3 whereabouts(const struct leaf *l)
 {
-    return l->escaped ? l->arrival : l->surface.position;
+    return l->missed ? l->arrival : l->surface.position;
 }
 
 static float total(const struct leaf *l)
@@ -131,12 +131,12 @@ static struct leaf merge_cluster(const struct sight *s, const struct leaf *leave
     l.diffuse = vec3_make(weight[0] > 0.0 ? (float)(colour[0] / weight[0]) : 0.0f,
                           weight[1] > 0.0 ? (float)(colour[1] / weight[1]) : 0.0f,
                           weight[2] > 0.0 ? (float)(colour[2] / weight[2]) : 0.0f);
-    const uint32_t maps = l.escaped ? 0 : s->scene->materials[l.material].maps;
+    const uint32_t maps = l.missed ? 0 : s->scene->materials[l.material].maps;
     if (maps & (MAP_ROUGHNESS | MAP_COAT_ROUGHNESS))
         merge_lobes(leaves, links, first, &l);
     if (maps & MAP_NORMAL)
         merge_normals(leaves, links, first, &l);
-    if (l.escaped) {
+    if (l.missed) {
         l.arrival = vec3_normalize(mean);
         l.footprint = merged_width(leaves, links, first, mean);
     }

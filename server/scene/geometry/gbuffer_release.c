@@ -24,9 +24,9 @@ void gbuffer_release_pixels(struct gbuffer *g)
     const size_t pixels = (size_t)g->width * g->height;
 
     g->bytes -= release(g->entries, g->entry_first[pixels] * sizeof(*g->entries));
-    g->bytes -= release(g->escapes, g->escape_first[pixels] * sizeof(*g->escapes));
+    g->bytes -= release(g->misses, g->miss_first[pixels] * sizeof(*g->misses));
     g->bytes -= release(g->entry_first, (pixels + 1) * sizeof(*g->entry_first));
-    g->bytes -= release(g->escape_first, (pixels + 1) * sizeof(*g->escape_first));
+    g->bytes -= release(g->miss_first, (pixels + 1) * sizeof(*g->miss_first));
     if (g->glow)
         g->bytes -= release(g->glow, pixels * 3 * sizeof(*g->glow));
 }

@@ -1,6 +1,6 @@
 #include "base/log.h"
 #include "base/mem.h"
-#include "scene/geometry/rays_parts.h"
+#include "scene/geometry/rays_internal.h"
 
 static void log_embree_error(void *user, enum RTCError code, const char *text)
 {

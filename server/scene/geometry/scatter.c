@@ -355,7 +355,7 @@ void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv
         out->beyond = vec3_scale(out->beyond, gain);
     }
     out->delta = m->kind == MATERIAL_MIRROR  ? DELTA_MIRROR
-                 : m->kind == MATERIAL_GLASS ? (m->thin ? DELTA_SHEET : DELTA_GLASS)
+                 : m->kind == MATERIAL_GLASS ? (m->thin ? DELTA_THIN_GLASS : DELTA_GLASS)
                  : is_sharp(m)               ? DELTA_GLOSS
                                              : DELTA_NONE;
     out->reflectance = out->delta == DELTA_GLOSS ? ggx_f0(base, finish.metallic, m->specular) : base;
@@ -376,7 +376,7 @@ double fresnel_dielectric(double cos_i, double eta, double *cos_t)
     return 0.5 * (parallel * parallel + across * across);
 }
 
-struct sheet sheet_at(float ior, struct vec3 tint, float cosine)
+struct thin_glass thin_glass_at(float ior, struct vec3 tint, float cosine)
 {
     const double tints[3] = { tint.x, tint.y, tint.z };
     float reflected[3], passed[3];
@@ -388,7 +388,7 @@ struct sheet sheet_at(float ior, struct vec3 tint, float cosine)
         passed[k] = rest > 0.0 ? (float)(through * through * tints[k] / rest) : 0.0f;
         reflected[k] = (float)(f + f * tints[k] * (double)passed[k]);
     }
-    return (struct sheet){ { reflected[0], reflected[1], reflected[2] },
+    return (struct thin_glass){ { reflected[0], reflected[1], reflected[2] },
                            { passed[0], passed[1], passed[2] },
                            1.0f - (passed[0] + passed[1] + passed[2]) / 3.0f };
 }
@@ -446,11 +446,11 @@ static struct vec3 reflectance_at(const struct scatter *s, float cosine)
 
 /* What a sheet reflects of a ray that has met it. in, out: cosines of the ray and of the eye with the geometric normal,
  * which differ for light that is reflected about another. */
-static struct vec3 reflectance_of_sheet(const struct scatter *s, float in, float out)
+static struct vec3 reflectance_of_thin_glass(const struct scatter *s, float in, float out)
 {
-    const float covers = sheet_at(s->ior, s->reflectance, in).covers;
+    const float covers = thin_glass_at(s->ior, s->reflectance, in).covers;
 
-    return vec3_scale(sheet_at(s->ior, s->reflectance, out).reflected, covers > 0.0f ? 1.0f / covers : 0.0f);
+    return vec3_scale(thin_glass_at(s->ior, s->reflectance, out).reflected, covers > 0.0f ? 1.0f / covers : 0.0f);
 }
 
 static void set_ray(struct delta_ray *ray, const struct scatter *s, float side, struct vec3 dir, struct vec3 weight)
@@ -483,9 +483,9 @@ uint32_t scatter_eye(const struct scatter *s, struct vec3 dir, struct delta_ray 
     const bool shading = by_shading_normal(s->surface.geometric, s->surface.shading, dir, s->delta, eta);
     const struct vec3 n = shading ? s->surface.shading : s->surface.geometric;
     const struct vec3 back = reflect(dir, n);
-    if (s->delta == DELTA_SHEET) {
+    if (s->delta == DELTA_THIN_GLASS) {
         const float in = vec3_dot(dir, s->surface.geometric);
-        set_ray(&out[0], s, 1.0f, back, reflectance_of_sheet(s, in, in));
+        set_ray(&out[0], s, 1.0f, back, reflectance_of_thin_glass(s, in, in));
         return 1;
     }
     if (s->delta != DELTA_GLASS) {
@@ -518,7 +518,7 @@ static uint32_t light_by(const struct scatter *s, struct vec3 dir, struct vec3 n
     if (out_g > 0.0f &&
         by_shading_normal(at->geometric, at->shading, vec3_scale(back, -1.0f), s->delta, eta) == shading) {
         const struct vec3 r = s->delta == DELTA_GLASS   ? grey(f)
-                              : s->delta == DELTA_SHEET ? reflectance_of_sheet(s, in_g, out_g)
+                              : s->delta == DELTA_THIN_GLASS ? reflectance_of_thin_glass(s, in_g, out_g)
                                                         : reflectance_at(s, in_n);
         set_ray(&out[count++], s, 1.0f, back, vec3_scale(r, veil_passes(&s->veil, back) * out_g / in_g));
     }

@@ -28,7 +28,7 @@ enum delta_kind {
     DELTA_MIRROR, /* the same reflectance at all angles */
     DELTA_GLOSS,  /* a sharp GGX lobe: reflectance rises to 1 at grazing angles [Schlick 1994, Eq. 15] */
     DELTA_GLASS,  /* reflection and refraction by Fresnel */
-    DELTA_SHEET,  /* reflection of a thin sheet of glass; rays that it transmits do not hit it
+    DELTA_THIN_GLASS,  /* reflection of a thin sheet of glass; rays that it transmits do not hit it
                      (coverage.h) */
 };
 
@@ -157,10 +157,10 @@ double fresnel_dielectric(double cos_i, double eta, double *cos_t);
 
 /* A thin sheet of glass, all reflections between its faces together; a ray meets it, or passes as through a hole, at
  * random. */
-struct sheet {
+struct thin_glass {
     struct vec3 reflected, passed; /* shares of the incident light */
     float covers;                  /* the probability of meeting it: 1 less the mean of `passed` */
 };
 
 /* cosine: of a ray with the normal, of either sign; tint: of light that passes once. */
-struct sheet sheet_at(float ior, struct vec3 tint, float cosine);
+struct thin_glass thin_glass_at(float ior, struct vec3 tint, float cosine);

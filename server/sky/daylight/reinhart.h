@@ -37,6 +37,6 @@ void reinhart_size(uint32_t mf, uint32_t *width, uint32_t *height);
 /* The patch that texel (x, y) of the image is of. */
 uint32_t reinhart_at(uint32_t mf, uint32_t x, uint32_t y);
 
-/* The sky of those patches as a picture: rgb float[height][width][3], lat-long (image/codec/frame.h).
+/* The sky of those patches as an image: rgb float[height][width][3], lat-long (image/codec/frame.h).
  * radiance: float[reinhart_count][3]. */
 void reinhart_sky(uint32_t mf, const float (*radiance)[3], float *rgb);

@@ -10,8 +10,8 @@
 
 enum phase {
     PHASE_PACKETS, /* the decoder wants a packet */
-    PHASE_MORE,    /* the last packet may hold more pictures */
-    PHASE_DRAIN,   /* no packet is left, or a new format follows: pictures held back */
+    PHASE_MORE,    /* the last packet may hold more images */
+    PHASE_DRAIN,   /* no packet is left, or a new format follows: images held back */
     PHASE_ENDED,
 };
 
@@ -27,7 +27,7 @@ struct footage {
     bool opened;      /* the decoder has been given the format */
     bool has_next;    /* after PHASE_DRAIN, this format follows */
     bool await_key;   /* until the next keyframe, packets cannot be decoded */
-    int64_t least_us; /* earlier pictures are passed over; VIDEO_NO_TIME: none */
+    int64_t least_us; /* earlier images are passed over; VIDEO_NO_TIME: none */
     int64_t time_us;
     uint64_t packets, pictures; /* since the start */
     bool told_damage, told_colour;
@@ -74,7 +74,7 @@ static enum err take_format(struct footage *f, const struct demux_item *item, st
     enum err e = keep_format(f, item, why);
     if (!e && first)
         return open_decoder(f, why);
-    f->has_next = !e; /* first the pictures that the old codec holds back */
+    f->has_next = !e; /* first the images that the old codec holds back */
     f->phase = PHASE_DRAIN;
     return e;
 }
@@ -129,9 +129,9 @@ void footage_close(struct footage *f)
     mem_free(f);
 }
 
-/* ---- Pictures ---- */
+/* ---- Images ---- */
 
-/* A damaged packet costs its pictures; the first is reported. If it has ended the decoder, a new one starts at the next
+/* A damaged packet costs its images; the first is reported. If it has ended the decoder, a new one starts at the next
  * keyframe. */
 static enum err pass_over(struct footage *f, enum err e, const struct reason *fault, struct reason *why)
 {
@@ -144,7 +144,7 @@ static enum err pass_over(struct footage *f, enum err e, const struct reason *fa
     return video_is_open(f->decoder) ? ERR_OK : open_decoder(f, why);
 }
 
-static enum err take_packet(struct footage *f, const struct demux_item *item, struct video_picture *picture,
+static enum err take_packet(struct footage *f, const struct demux_item *item, struct video_image *picture,
                             struct reason *why)
 {
     struct reason fault;
@@ -159,7 +159,7 @@ static enum err take_packet(struct footage *f, const struct demux_item *item, st
     return e ? pass_over(f, e, &fault, why) : ERR_OK;
 }
 
-static enum err drain(struct footage *f, struct video_picture *picture, struct reason *why)
+static enum err drain(struct footage *f, struct video_image *picture, struct reason *why)
 {
     struct reason fault;
 
@@ -170,8 +170,8 @@ static enum err drain(struct footage *f, struct video_picture *picture, struct r
     return f->phase == PHASE_PACKETS ? open_decoder(f, why) : ERR_OK;
 }
 
-/* One step: at most one packet or picture. *quiet: nothing came. */
-static enum err step(struct footage *f, int wait_ms, struct video_picture *picture, bool *quiet, struct reason *why)
+/* One step: at most one packet or image. *quiet: nothing came. */
+static enum err step(struct footage *f, int wait_ms, struct video_image *picture, bool *quiet, struct reason *why)
 {
     struct demux_item item;
     struct reason fault;
@@ -202,14 +202,14 @@ static enum err step(struct footage *f, int wait_ms, struct video_picture *pictu
 
 enum err footage_next(struct footage *f, int wait_ms, bool *ready, struct reason *why)
 {
-    struct video_picture picture;
+    struct video_image picture;
     bool quiet = false;
 
     *ready = false;
     if (!f->demux)
         return ERR_END;
     while (!quiet && !*ready) {
-        picture = (struct video_picture){ .time_us = VIDEO_NO_TIME };
+        picture = (struct video_image){ .time_us = VIDEO_NO_TIME };
         const enum err e = step(f, wait_ms, &picture, &quiet, why);
         if (e == ERR_END && f->pictures == 0 && f->packets > 0)
             return err_say(why, ERR_FORMAT, "%s: none of its %" PRIu64 " packets gives an image%s", f->name, f->packets,

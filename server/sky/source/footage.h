@@ -22,24 +22,24 @@ struct footage;
 MUST_CHECK enum err footage_open(const struct footage_desc *desc, struct footage **out, struct reason *why);
 void footage_close(struct footage *f); /* NULL is allowed */
 
-/* Decodes until there is another picture (*ready) or for wait_ms. A damaged packet is passed over, with one line in the
- * log. ERR_END: no picture is left. Other errors: the stream broke off; only footage_restart and footage_close are
+/* Decodes until there is another image (*ready) or for wait_ms. A damaged packet is passed over, with one line in the
+ * log. ERR_END: no image is left. Other errors: the stream broke off; only footage_restart and footage_close are
  * allowed then. */
 MUST_CHECK enum err footage_next(struct footage *f, int wait_ms, bool *ready, struct reason *why);
 
-/* The last picture's time stamp in microseconds, or VIDEO_NO_TIME. */
+/* The last image's time stamp in microseconds, or VIDEO_NO_TIME. */
 int64_t footage_time_us(const struct footage *f);
 /* What the stream says about itself, until the next call. */
 const struct stream_format *footage_format(const struct footage *f);
 /* Its rate, if it is credible, else FOOTAGE_RATE. */
 double footage_rate(const struct footage *f);
 
-/* The last picture as FRAME_TEXELS, with name and layout; number and capture time are the caller's. Errors of
+/* The last image as FRAME_TEXELS, with name and layout; number and capture time are the caller's. Errors of
  * video_convert. */
 MUST_CHECK enum err footage_convert(struct footage *f, struct frame *out, struct reason *why);
 
 /* Begins again: connects again unless the stream can be read from its start. Errors of footage_open. */
 MUST_CHECK enum err footage_restart(struct footage *f, struct reason *why);
-/* The next picture is the first at or after time_us, counted from the stream's first time stamp. ERR_UNSUPPORTED: the
+/* The next image is the first at or after time_us, counted from the stream's first time stamp. ERR_UNSUPPORTED: the
  * stream cannot be read from another place; then, and after other errors, use footage_restart. */
 MUST_CHECK enum err footage_seek(struct footage *f, int64_t time_us, struct reason *why);

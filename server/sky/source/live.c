@@ -8,12 +8,12 @@
 #include <stdio.h>
 #include <time.h>
 
-#define STEP_MS 50 /* how soon the thread notices that a picture is wanted */
+#define STEP_MS 50 /* how soon the thread notices that an image is wanted */
 #define RETRY_FIRST_MS 500
 #define RETRY_MOST_MS 10000
 #define DRIFT 1e-4               /* by how much a sender's clock may be slower than ours */
 #define CLOCKS_APART_US 60000000 /* a sender's clock further from ours is wrong */
-#define PICTURELESS_MS 5000      /* then the state reports that there is no frame */
+#define IMAGELESS_MS 5000      /* then the state reports that there is no frame */
 
 struct live {
     struct footage_desc desc;
@@ -22,8 +22,8 @@ struct live {
     unsigned tries;                /* of live_start */
     struct footage *footage;       /* thread's */
     struct frame spare;            /* thread's */
-    bool held;                     /* thread's: the footage has a picture that was not converted */
-    int64_t captured_us;           /* thread's: of that picture */
+    bool held;                     /* thread's: the footage has an image that was not converted */
+    int64_t captured_us;           /* thread's: of that image */
     int64_t delay_us, delay_at_us; /* thread's: the least arrival minus time stamp, and when it was last raised */
     bool has_delay;
     atomic_bool stop;
@@ -66,7 +66,7 @@ static int64_t arrival_of(struct live *l, int64_t stamp, int64_t now)
     return stamp + l->delay_us;
 }
 
-/* When the picture that has just been decoded was captured: by the sender's clock if it states it and it is not far
+/* When the image that has just been decoded was captured: by the sender's clock if it states it and it is not far
  * from ours, else by arrival. */
 static int64_t capture_time(struct live *l)
 {
@@ -107,7 +107,7 @@ static void hand_over(struct live *l)
     pthread_mutex_unlock(&l->lock);
 }
 
-/* Until the stream breaks off. Returns whether a picture came. */
+/* Until the stream breaks off. Returns whether an image came. */
 static bool play(struct live *l, struct reason *why)
 {
     const int64_t since_ms = clock_ms();
@@ -127,7 +127,7 @@ static bool play(struct live *l, struct reason *why)
             set_state(l, true, "");
             any = true;
         }
-        if (!any && !told && clock_ms() - since_ms > PICTURELESS_MS) {
+        if (!any && !told && clock_ms() - since_ms > IMAGELESS_MS) {
             set_state(l, false, "connected, but no frame has been decoded yet (no keyframe)");
             told = true;
         }

@@ -16,7 +16,7 @@ MUST_CHECK enum err live_start(const struct footage_desc *desc, struct footage *
                                struct live **out, struct reason *why);
 void live_stop(struct live *l); /* waits for the thread; NULL is allowed */
 
-/* The newest picture that was not returned before, waiting up to wait_ms for one; else f->kind is FRAME_NONE. Sets
+/* The newest image that was not returned before, waiting up to wait_ms for one; else f->kind is FRAME_NONE. Sets
  * everything but the number. capture_us: from the time stamps and the sender's clock if the stream states it, else from
  * when they arrived. Errors of footage_convert; ERR_IO, each time: the thread gave up (live_gave_up). */
 MUST_CHECK enum err live_next(struct live *l, int wait_ms, struct frame *f, struct reason *why);
@@ -24,5 +24,5 @@ MUST_CHECK enum err live_next(struct live *l, int wait_ms, struct frame *f, stru
 /* Whether the thread has ended because it gave up. */
 bool live_gave_up(struct live *l);
 
-/* Whether pictures come; else *why says what is wrong, or that it is connecting. */
+/* Whether images come; else *why says what is wrong, or that it is connecting. */
 bool live_is_connected(struct live *l, struct reason *why);

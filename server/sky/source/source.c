@@ -19,7 +19,7 @@
 #include <string.h>
 
 #define WATCH_WAIT_MS 200
-#define FIRST_WAITS 150 /* of these: 30 s for the first picture of a live stream */
+#define FIRST_WAITS 150 /* of these: 30 s for the first image of a live stream */
 
 struct source {
     struct source_desc desc;
@@ -39,7 +39,7 @@ struct source {
     struct footage *footage;   /* SOURCE_VIDEO */
     struct live *live;         /* SOURCE_LIVE */
     uint64_t picture;          /* SOURCE_VIDEO: number of the next; SOURCE_LIVE: of the next to be taken */
-    uint64_t length;           /* SOURCE_VIDEO: pictures in a pass, once one is over; 0: not yet known */
+    uint64_t length;           /* SOURCE_VIDEO: images in a pass, once one is over; 0: not yet known */
     bool video_ended;          /* the pass is over, or the video broke off */
 };
 
@@ -311,7 +311,7 @@ static enum err begin_video_again(struct source *s, struct reason *why)
     return e;
 }
 
-/* The next picture within the range, from wherever in the video it stands. */
+/* The next image within the range, from wherever in the video it stands. */
 static enum err next_picture(struct source *s, struct frame *f, struct reason *why)
 {
     bool ready = false;
@@ -449,7 +449,7 @@ uint64_t source_position(const struct source *s)
     return s->position;
 }
 
-/* By time: exact where the pictures are evenly spaced. */
+/* By time: exact where the images are evenly spaced. */
 static bool seek_video(struct source *s, uint64_t picture)
 {
     const double rate = footage_rate(s->footage);

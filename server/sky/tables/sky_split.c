@@ -7,7 +7,7 @@
 #include <assert.h>
 #include <math.h>
 
-/* Share of the sky's energy. A fainter bright part stays in the cells: a shadow that is wrong by a thousandth of the
+/* Share of the sky's energy. A fainter sun stays in the cells: a shadow that is wrong by a thousandth of the
  * light is invisible. */
 #define FAINT 1e-3
 
@@ -89,43 +89,43 @@ static void take_cell(struct sky_split *s, const struct environment *e, uint32_t
         s->cells[place / SKY_CHUNK][c][place % SKY_CHUNK] = (float)(sum[c] / whole);
 }
 
-/* The bright part's share of a texel's importance. */
+/* The sun's share of a texel's importance. */
 static double importance_above(const struct sky_split *s, const struct environment *e, uint32_t at)
 {
     const float g = texel_importance(e, at);
     return (double)g * (1.0 - (double)sky_lower(s->level, g));
 }
 
-static enum err add_bright(struct sky_split *s, const struct environment *e, uint32_t at)
+static enum err add_sun(struct sky_split *s, const struct environment *e, uint32_t at)
 {
-    if (s->bright_count == s->bright_capacity) {
-        const uint32_t more = s->bright_capacity ? 2 * s->bright_capacity : 256;
-        uint32_t *bright = mem_grow(s->bright, s->bright_count, more, sizeof(*bright));
-        if (!bright)
+    if (s->sun_count == s->sun_capacity) {
+        const uint32_t more = s->sun_capacity ? 2 * s->sun_capacity : 256;
+        uint32_t *sun = mem_grow(s->sun, s->sun_count, more, sizeof(*sun));
+        if (!sun)
             return ERR_NOMEM;
-        s->bright = bright;
-        double *cdf = mem_grow(s->bright_cdf, s->bright_count, more, sizeof(*cdf));
+        s->sun = sun;
+        double *cdf = mem_grow(s->sun_cdf, s->sun_count, more, sizeof(*cdf));
         if (!cdf)
             return ERR_NOMEM;
-        s->bright_cdf = cdf;
-        s->bright_capacity = more;
+        s->sun_cdf = cdf;
+        s->sun_capacity = more;
     }
-    s->bright_energy += importance_above(s, e, at) * e->solid_angle[at % (e->n * e->n)];
-    s->bright[s->bright_count] = at;
-    s->bright_cdf[s->bright_count++] = s->bright_energy;
+    s->sun_energy += importance_above(s, e, at) * e->solid_angle[at % (e->n * e->n)];
+    s->sun[s->sun_count] = at;
+    s->sun_cdf[s->sun_count++] = s->sun_energy;
     return ERR_OK;
 }
 
-static enum err find_bright(struct sky_split *s, const struct environment *e)
+static enum err find_sun(struct sky_split *s, const struct environment *e)
 {
     enum err result = ERR_OK;
 
-    s->bright_count = 0;
-    s->bright_energy = 0.0;
+    s->sun_count = 0;
+    s->sun_energy = 0.0;
     for (uint32_t row = 0; row < CUBE_FACES * e->n; row++)
         for (uint32_t at = row * e->n; s->row_max[row] > s->level && at < (row + 1) * e->n && !result; at++)
             if (texel_importance(e, at) > s->level)
-                result = add_bright(s, e, at);
+                result = add_sun(s, e, at);
     return result;
 }
 
@@ -152,11 +152,11 @@ enum err sky_split_begin(struct sky_split *s, const struct environment *e)
     }
     s->n = e->n;
     s->level = s->unsplit ? INFINITY : round_level(sky_level(e, s->row_max));
-    const enum err result = find_bright(s, e);
-    if (s->bright_energy < FAINT * e->total_energy) {
+    const enum err result = find_sun(s, e);
+    if (s->sun_energy < FAINT * e->total_energy) {
         s->level = INFINITY;
-        s->bright_count = 0;
-        s->bright_energy = 0.0;
+        s->sun_count = 0;
+        s->sun_energy = 0.0;
     }
     return result;
 }
@@ -182,8 +182,8 @@ enum err sky_split_take(struct sky_split *s, const struct environment *e)
 
 void sky_split_finish(struct sky_split *s)
 {
-    mem_free(s->bright);
-    mem_free(s->bright_cdf);
+    mem_free(s->sun);
+    mem_free(s->sun_cdf);
     mem_free(s->row_max);
     *s = (struct sky_split){ .level = 0.0f };
 }
@@ -192,8 +192,8 @@ void sky_split_sample(const struct sky_split *s, const struct environment *e, co
                       float rgb[3])
 {
     const uint32_t n = s->n;
-    const double place = invert(s->bright_cdf, s->bright_count, x[0]);
-    const uint32_t k = (uint32_t)place, at = s->bright[k];
+    const double place = invert(s->sun_cdf, s->sun_count, x[0]);
+    const uint32_t k = (uint32_t)place, at = s->sun[k];
     const struct texel *t = &e->texels[at];
     const double above = importance_above(s, e, at);
     float u, v;
@@ -201,8 +201,8 @@ void sky_split_sample(const struct sky_split *s, const struct environment *e, co
     invert_direction(n, at / (n * n), at / n % n + (place - k), at % n + fmin(x[1], INVERT_LAST), w);
     cube_locate(w, &u, &v);
     /* p = above x solid angle / energy, uniform over the texel's square of (2 / n)^2; above / g of the radiance
-     * belongs to the bright part */
-    const double density = above * e->solid_angle[at % (n * n)] / s->bright_energy * 0.25 * n * n;
+     * belongs to the sun */
+    const double density = above * e->solid_angle[at % (n * n)] / s->sun_energy * 0.25 * n * n;
     const double weight = above / (double)texel_importance(e, at) / (density * (double)cube_jacobian(u, v));
     rgb[0] = (float)(weight * (double)t->r);
     rgb[1] = (float)(weight * (double)t->g);
@@ -216,8 +216,8 @@ float sky_split_density(const struct sky_split *s, const struct environment *e, 
     const uint32_t at = cube_texel(n, w, &u, &v);
     const double above = importance_above(s, e, at);
 
-    if (!(above > 0.0) || s->bright_count == 0)
+    if (!(above > 0.0) || s->sun_count == 0)
         return 0.0f;
-    return (float)(above * e->solid_angle[at % (n * n)] / s->bright_energy * 0.25 * n * n *
+    return (float)(above * e->solid_angle[at % (n * n)] / s->sun_energy * 0.25 * n * n *
                    (double)cube_jacobian(u, v));
 }

@@ -1,12 +1,12 @@
 /* The sun/sky split: divides an environment map at a brightness level into a lower part, held as the means of 1,536
- * cells, and a bright part, held as single texels. The caches of direct and indirect light, the light tracer and the
+ * cells, and a sun, held as single texels. The caches of direct and indirect light, the light tracer and the
  * caustic store use it.
  *
  * The lower part keeps the share (level / g)^2 of a texel with importance g above the level. This is continuous at the
  * level and leaves almost none of a sun in the lower part. The energies of both parts add up to the map's. The level is
  * sky_level's (sky/tables/sky_table.h), rounded to half an octave: so it mostly stays when a part of the sky
  * changes, and with it every bit of a sun. A map with less than 1/16 of the sphere lit has no level and is entirely
- * bright. A bright part with less than a thousandth of the energy stays in the cells.
+ * bright. A sun with less than a thousandth of the energy stays in the cells.
  *
  * Thread: one per struct sky_split; then any number may read. The results do not depend on the number of threads. */
 #pragma once
@@ -43,10 +43,10 @@ struct sky_split {
     _Alignas(64) float cells[SKY_CHUNKS][3][SKY_CHUNK]; /* mean radiance of the lower part */
     float level;                                        /* 0: none; infinite: everything is in the cells */
     uint32_t n;                                         /* of the environment */
-    uint32_t bright_count, bright_capacity;
-    uint32_t *bright;      /* [bright_count]: index into environment.texels, ascending */
-    double *bright_cdf;    /* CDF of importance above the level x solid angle */
-    double bright_energy;  /* its total */
+    uint32_t sun_count, sun_capacity;
+    uint32_t *sun;      /* [sun_count]: index into environment.texels, ascending */
+    double *sun_cdf;    /* CDF of importance above the level x solid angle */
+    double sun_energy;  /* its total */
     float *row_max;        /* [6][n] */
     uint32_t row_capacity; /* of row_max */
 };
@@ -66,10 +66,10 @@ void sky_split_finish(struct sky_split *s); /* frees the memory; zeroed memory i
 /* Solid angle of a cell, sr. place: of sky_cell. */
 double sky_cell_solid_angle(uint32_t place);
 
-/* Samples a unit direction of the bright part in proportion to energy, from x in [0, 1)^2. rgb: the bright part's
- * radiance there divided by the probability density. bright_count must be > 0. */
+/* Samples a unit direction of the sun in proportion to energy, from x in [0, 1)^2. rgb: the sun's
+ * radiance there divided by the probability density. sun_count must be > 0. */
 void sky_split_sample(const struct sky_split *s, const struct environment *e, const double x[2], float w[3],
                       float rgb[3]);
 
-/* The probability density with which sky_split_sample draws w, sr^-1; 0 outside the bright part. */
+/* The probability density with which sky_split_sample draws w, sr^-1; 0 outside the sun. */
 float sky_split_density(const struct sky_split *s, const struct environment *e, const float w[3]);

@@ -24,7 +24,7 @@ struct given {
 #define AT(field) SETTING_AT(values, field)
 
 static struct setting rows[] = {
-    { "size", "WxH", "the picture's size", "640x360", IN, .type = SETTING_SIZE, AT(size) },
+    { "size", "WxH", "the image's size", "640x360", IN, .type = SETTING_SIZE, AT(size) },
     { "samples", "N", "how many", "64", IN, WHOLE(1, 1000), AT(samples) },
     { "gain", "X", "a factor", NULL, IN, REAL(-100.0, 2.0), AT(gain) },
     { "fast", NULL, "a switch", NULL, IN, SWITCH, AT(fast) },
@@ -269,7 +269,7 @@ static void help_tells_every_flag_and_its_default(void **state)
                                         "A program of the tests.",
                                         "\nwhat goes in\n",
                                         "--size WxH",
-                                        "the picture's size [640x360]",
+                                        "the image's size [640x360]",
                                         "--samples N",
                                         "how many [64]",
                                         "a factor\n",

@@ -5,7 +5,7 @@
 
 static uint64_t samples;
 static const struct setting rows[] = {
-    { "size", "WxH", "the picture's size", "640x360", .section = "in", TEXT },
+    { "size", "WxH", "the image's size", "640x360", .section = "in", TEXT },
     { "samples", "N", "how many", "64", .section = "in", WHOLE(1, 9), .size = sizeof(samples) },
     { "to", "URL", "where to", NULL, .section = "in", TEXTS },
     { "gain", "X", "a factor", NULL, .section = "in", TEXT },

@@ -1,6 +1,6 @@
-/* The layouts once more, the other way round (from a point of a picture to its direction) and written from their
+/* The layouts once more, the other way round (from a point of an image to its direction) and written from their
  * description alone, so that the server's own can be held against them. Used by the tests of env and by the program
- * that makes pictures of each layout for the integration tests. */
+ * that makes images of each layout for the integration tests. */
 #pragma once
 
 #include <math.h>
@@ -52,7 +52,7 @@ static inline bool view_direction(const struct view *views, double size, double 
     return false;
 }
 
-/* The unit direction that a picture of `layout` shows at (x, y), in texels from the top left; false where it shows
+/* The unit direction that an image of `layout` shows at (x, y), in texels from the top left; false where it shows
  * none. */
 static inline bool test_direction(const char *layout, double width, double height, double x, double y, double w[3])
 {

@@ -5,10 +5,10 @@
 #include "support/unit.h"
 
 /* The caller gives it to set_destroy. */
-static inline struct set *set_of(const struct set_desc *desc)
+static inline struct prepared_scene *set_of(const struct prepared_scene_desc *desc)
 {
     struct reason why = { "" };
-    struct set *set = NULL;
+    struct prepared_scene *set = NULL;
 
     if (set_create(desc, &set, &why))
         fail_msg("%s", why.text);

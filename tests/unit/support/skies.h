@@ -1,4 +1,4 @@
-/* Skies made for tests: small lat-long pictures with known contents, and the environment made of them. */
+/* Skies made for tests: small lat-long images with known contents, and the environment made of them. */
 #pragma once
 
 #include "base/mem.h"
@@ -9,7 +9,7 @@
 
 #include "support/unit.h"
 
-/* A picture of width x height texels of one value, to be painted on. Free with frame_finish. */
+/* An image of width x height texels of one value, to be painted on. Free with frame_finish. */
 static inline struct frame sky_constant(uint32_t width, uint32_t height, float value)
 {
     struct frame f = { 0 };

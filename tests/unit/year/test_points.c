@@ -185,7 +185,7 @@ static void the_sun_behind_a_tinted_pane_is_weighted_by_its_transmittance(void *
         float lux;
         s->materials[0] = (struct material){ .kind = MATERIAL_GLASS, .diffuse = tint, .ior = 1.5f, .thin = 1 };
         s->materials[0].texture = s->materials[0].alpha_texture = MATERIAL_NO_TEXTURE;
-        const struct vec3 once = sheet_at(1.5f, tint, 0.8f).passed;
+        const struct vec3 once = thin_glass_at(1.5f, tint, 0.8f).passed;
         const double twice[3] = { once.x * once.x, once.y * once.y, once.z * once.z };
         struct rays *rays = rays_create_for(s, cpu_best());
         sunlight_lux(s, rays, &at, 1, sun, 50000.0, &lux);

@@ -71,7 +71,7 @@ static void add(struct walk *w, const double brdf[3], const float radiance[3], d
 
 /* The ray left the scene. Background is looked up in the source image; all else uses the sampled function. A ray
  * sampled by a D lobe could also have been sampled from the sky's table: balance heuristic [Veach 1997, Eq. 9.8]. */
-static void escape(struct walk *w)
+static void miss(struct walk *w)
 {
     static const double one[3] = { 1.0, 1.0, 1.0 };
     const struct environment *e = w->world->environment;
@@ -229,7 +229,7 @@ static void walk_on(struct walk *w)
     for (; w->event < PATH_EVENTS_MAX; w->event++) {
         ++*w->rays;
         if (!rays_intersect(w->world->rays, w->origin, w->dir, 0.0f, &h)) {
-            escape(w);
+            miss(w);
             return;
         }
         if (!meet(w, &h))

@@ -127,7 +127,7 @@ static void of_mip_and_rip_maps_the_largest_level_is_read(void **state)
     image_finish(&im);
 }
 
-static void the_data_window_is_the_picture_wherever_it_lies(void **state)
+static void the_data_window_is_the_image_wherever_it_lies(void **state)
 {
     static const int32_t corners[][2] = { { -5, -300 }, { 7, 11 }, { 100000, -100000 } };
     struct image im = { 0 };
@@ -159,7 +159,7 @@ static void rows_stored_from_the_bottom_up_come_out_top_first(void **state)
     image_finish(&im);
 }
 
-static void the_smallest_picture_decodes(void **state)
+static void the_smallest_image_decodes(void **state)
 {
     struct image im = { 0 };
     (void)state;
@@ -170,7 +170,7 @@ static void the_smallest_picture_decodes(void **state)
     image_finish(&im);
 }
 
-static void memory_is_reused_for_pictures_that_fit(void **state)
+static void memory_is_reused_for_images_that_fit(void **state)
 {
     struct image im = { 0 };
     (void)state;
@@ -393,10 +393,10 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(scanlines_decode_with_each_compression_and_set_of_channels),
     cmocka_unit_test(tiles_decode_with_each_compression_and_set_of_channels),
     cmocka_unit_test(of_mip_and_rip_maps_the_largest_level_is_read),
-    cmocka_unit_test(the_data_window_is_the_picture_wherever_it_lies),
+    cmocka_unit_test(the_data_window_is_the_image_wherever_it_lies),
     cmocka_unit_test(rows_stored_from_the_bottom_up_come_out_top_first),
-    cmocka_unit_test(the_smallest_picture_decodes),
-    cmocka_unit_test(memory_is_reused_for_pictures_that_fit),
+    cmocka_unit_test(the_smallest_image_decodes),
+    cmocka_unit_test(memory_is_reused_for_images_that_fit),
     cmocka_unit_test(odd_values_are_put_right_and_counted),
     cmocka_unit_test(every_half_float_has_its_value),
     cmocka_unit_test(chromaticities_are_brought_to_rec709),

@@ -1,4 +1,4 @@
-/* Radiance pictures: each encoding and orientation, what the header may say of the light, and what is refused. */
+/* Radiance images: each encoding and orientation, what the header may say of the light, and what is refused. */
 #include "image/codec/decoding.h"
 
 #include "base/mem.h"
@@ -256,7 +256,7 @@ static void headers_that_cannot_be_honoured_are_refused(void **state)
     }
 }
 
-static void sizes_that_make_no_picture_are_refused(void **state)
+static void sizes_that_make_no_image_are_refused(void **state)
 {
     static const struct {
         const char *line;
@@ -375,7 +375,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(xyze_is_brought_to_rec709),
     cmocka_unit_test(what_does_not_change_the_light_is_passed_over),
     cmocka_unit_test(headers_that_cannot_be_honoured_are_refused),
-    cmocka_unit_test(sizes_that_make_no_picture_are_refused),
+    cmocka_unit_test(sizes_that_make_no_image_are_refused),
     cmocka_unit_test(sizes_that_the_file_cannot_hold_take_no_memory),
     cmocka_unit_test(scanlines_that_do_not_fit_are_refused_with_their_place),
     cmocka_unit_test(a_file_cut_at_any_byte_is_refused),

@@ -121,7 +121,7 @@ static void alpha_is_a_channel_of_its_own(void **state)
     }
 }
 
-/* Small pictures of 8-bit noise, some of whose chunks come out of compression exactly as long as they went in. */
+/* Small images of 8-bit noise, some of whose chunks come out of compression exactly as long as they went in. */
 static void noise_that_does_not_compress_comes_back_bit_for_bit(void **state)
 {
     (void)state;
@@ -241,7 +241,7 @@ static void any_number_of_threads_gives_the_same_bytes(void **state)
     mem_free(one);
 }
 
-static void smooth_pictures_are_compressed(void **state)
+static void smooth_images_are_compressed(void **state)
 {
     static float rgb[SIDE_MOST * SIDE_MOST * 3];
     const struct exr_desc d = { .rgb = rgb, .width = SIDE_MOST, .height = SIDE_MOST };
@@ -382,7 +382,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(header_states_primaries_and_attributes),
     cmocka_unit_test(same_input_gives_the_same_bytes),
     cmocka_unit_test(any_number_of_threads_gives_the_same_bytes),
-    cmocka_unit_test(smooth_pictures_are_compressed),
+    cmocka_unit_test(smooth_images_are_compressed),
     cmocka_unit_test(sizes_out_of_range_are_refused),
     cmocka_unit_test(file_replaces_the_old_one_whole),
     cmocka_unit_test(failed_write_keeps_the_old_file_and_nothing_else),

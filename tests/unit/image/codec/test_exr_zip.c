@@ -24,7 +24,7 @@ static void differences_are_undone_as_specified(void **state)
         }
 }
 
-/* Deflates, for which the values need not be a picture's. */
+/* Deflates, for which the values need not be an image's. */
 static size_t deflate_noise(uint8_t *packed, size_t room, uint8_t *plain, size_t size, uint64_t seed)
 {
     struct rng r = { seed };

@@ -99,8 +99,8 @@ static void hold(struct image *im, uint32_t width, uint32_t height)
     image_trim(im);
 }
 
-/* Texels stay what they are; pictures of one size, or now and then a large one, take no new memory. */
-static void memory_goes_back_when_pictures_have_become_far_smaller(void **state)
+/* Texels stay what they are; images of one size, or now and then a large one, take no new memory. */
+static void memory_goes_back_when_images_have_become_far_smaller(void **state)
 {
     struct image im = { 0 };
     (void)state;
@@ -149,7 +149,7 @@ static void an_environment_gives_back_what_a_far_larger_frame_took(void **state)
     frame_finish(&small);
 }
 
-/* Every odd value at every place of a picture that is no multiple of anything. */
+/* Every odd value at every place of an image that is no multiple of anything. */
 static void each_odd_value_is_put_right_and_counted_anywhere(void **state)
 {
     static const struct {
@@ -236,7 +236,7 @@ static void layouts_have_names_that_parse(void **state)
     assert_non_null(strstr(why.text, "mercator"));
 }
 
-/* A frame of texels is copied and put right row by row; what is counted is of the whole picture, and the frame itself
+/* A frame of texels is copied and put right row by row; what is counted is of the whole image, and the frame itself
  * stays as it came, for it may be wanted again. */
 static void texels_of_a_frame_are_put_right_in_every_row(void **state)
 {
@@ -277,7 +277,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(sizes_outside_the_limits_are_refused),
     cmocka_unit_test(a_frame_above_the_owners_limit_is_refused_by_its_size),
     cmocka_unit_test(memory_is_kept_while_it_is_large_enough),
-    cmocka_unit_test(memory_goes_back_when_pictures_have_become_far_smaller),
+    cmocka_unit_test(memory_goes_back_when_images_have_become_far_smaller),
     cmocka_unit_test(an_environment_gives_back_what_a_far_larger_frame_took),
     cmocka_unit_test(each_odd_value_is_put_right_and_counted_anywhere),
     cmocka_unit_test(faults_are_counted_before_a_change_of_primaries_and_negatives_after),

@@ -46,7 +46,7 @@ static double rms_error(void)
     return sqrt(sum / (WIDTH * HEIGHT * 3));
 }
 
-static void decoded_picture_is_the_picture(void **state)
+static void decoded_image_is_the_image(void **state)
 {
     /* 4:2:0 smears the coloured edge; the bounds would be missed at once by swapped channels or rows (> 60) */
     static const struct {
@@ -166,7 +166,7 @@ static void destroying_nothing_is_allowed(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(decoded_picture_is_the_picture),
+    cmocka_unit_test(decoded_image_is_the_image),
     cmocka_unit_test(chroma_is_whole_from_quality_90),
     cmocka_unit_test(memory_and_bytes_are_the_same_again),
     cmocka_unit_test(bytes_are_those_of_the_librarys_own_call),

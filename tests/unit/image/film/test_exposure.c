@@ -12,37 +12,37 @@
 #define HEIGHT 71 /* more than the bands that sums are split into, and no multiple */
 #define COUNT (WIDTH * HEIGHT)
 
-struct picture {
+struct sent_image {
     float rgb[COUNT][3];
 };
 
-static void set(struct picture *p, size_t i, float grey)
+static void set(struct sent_image *p, size_t i, float grey)
 {
     p->rgb[i][0] = p->rgb[i][1] = p->rgb[i][2] = grey;
 }
 
-static void fill(struct picture *p, float grey)
+static void fill(struct sent_image *p, float grey)
 {
     for (size_t i = 0; i < COUNT; i++)
         set(p, i, grey);
 }
 
 /* Grey pixels spread evenly over `stops` stops around 1. */
-static void scatter(struct picture *p, double stops)
+static void scatter(struct sent_image *p, double stops)
 {
     struct rng r = { 7 };
     for (size_t i = 0; i < COUNT; i++)
         set(p, i, (float)exp2(stops * (rng_next(&r) - 0.5)));
 }
 
-static double log2_mean(const struct picture *p)
+static double log2_mean(const struct sent_image *p)
 {
     double mean = NAN;
     assert_true(exposure_log2_mean(&p->rgb[0][0], NULL, WIDTH, HEIGHT, &mean));
     return mean;
 }
 
-static double step(struct exposure *e, const struct picture *p)
+static double step(struct exposure *e, const struct sent_image *p)
 {
     return exposure_step(e, &p->rgb[0][0], WIDTH, HEIGHT, 1);
 }
@@ -50,7 +50,7 @@ static double step(struct exposure *e, const struct picture *p)
 static void log_average_of_a_constant_is_the_constant(void **state)
 {
     static const float greys[] = { 1e-6f, 0.013f, 0.5f, 1.0f, 3.7f, 1e5f };
-    static struct picture p;
+    static struct sent_image p;
     (void)state;
 
     for (size_t i = 0; i < sizeof(greys) / sizeof(greys[0]); i++) {
@@ -61,7 +61,7 @@ static void log_average_of_a_constant_is_the_constant(void **state)
 
 static void log_average_is_the_geometric_mean(void **state)
 {
-    static struct picture p;
+    static struct sent_image p;
     double want = 0.0;
     (void)state;
 
@@ -87,7 +87,7 @@ static void outliers_count_as_eight_stops_from_the_median(void **state)
 static void black_and_no_numbers_do_not_count(void **state)
 {
     static const float odd[] = { 0.0f, -1.0f, NAN, -INFINITY };
-    static struct picture p;
+    static struct sent_image p;
     (void)state;
 
     fill(&p, 0.25f);
@@ -98,7 +98,7 @@ static void black_and_no_numbers_do_not_count(void **state)
 
 static void masked_pixels_do_not_count(void **state)
 {
-    static struct picture p;
+    static struct sent_image p;
     static uint8_t mask[COUNT];
     double mean = NAN;
     (void)state;
@@ -113,10 +113,10 @@ static void masked_pixels_do_not_count(void **state)
     assert_false(exposure_log2_mean(&p.rgb[0][0], mask, WIDTH, HEIGHT, &mean));
 }
 
-/* A third of the picture at 1e-30 would pull a plain log-average down by 33 stops. */
+/* A third of the image at 1e-30 would pull a plain log-average down by 33 stops. */
 static void near_black_pulls_no_further_than_eight_stops(void **state)
 {
-    static struct picture p;
+    static struct sent_image p;
     (void)state;
 
     for (size_t i = 0; i < COUNT; i++)
@@ -128,7 +128,7 @@ static void near_black_pulls_no_further_than_eight_stops(void **state)
 
 static void one_sun_hardly_moves_the_average(void **state)
 {
-    static struct picture p;
+    static struct sent_image p;
     static const float suns[] = { 1e9f, FLT_MAX, INFINITY };
     (void)state;
 
@@ -142,7 +142,7 @@ static void one_sun_hardly_moves_the_average(void **state)
 /* A sky that brightens by 1 % a frame must not make the gain jump when the median passes a power of two. */
 static void gain_follows_brightness_without_steps(void **state)
 {
-    static struct picture p;
+    static struct sent_image p;
     double last = 0.0;
     (void)state;
 
@@ -160,7 +160,7 @@ static void gain_follows_brightness_without_steps(void **state)
 
 static void first_frame_is_taken_at_once(void **state)
 {
-    static struct picture p;
+    static struct sent_image p;
     struct exposure e;
     (void)state;
 
@@ -171,7 +171,7 @@ static void first_frame_is_taken_at_once(void **state)
 
 static void black_frames_keep_the_gain(void **state)
 {
-    static struct picture p, black;
+    static struct sent_image p, black;
     struct exposure e;
     (void)state;
 
@@ -188,7 +188,7 @@ static void black_frames_keep_the_gain(void **state)
 static void dawn_to_night_approaches_without_overshoot(void **state)
 {
     static const float ends[][2] = { { 1e4f, 0.1f }, { 0.1f, 1e4f } };
-    static struct picture p;
+    static struct sent_image p;
     (void)state;
 
     for (int way = 0; way < 2; way++) {
@@ -210,7 +210,7 @@ static void dawn_to_night_approaches_without_overshoot(void **state)
 
 static void adapt_one_takes_every_frame_at_once(void **state)
 {
-    static struct picture p;
+    static struct sent_image p;
     struct exposure e;
     (void)state;
 
@@ -223,10 +223,10 @@ static void adapt_one_takes_every_frame_at_once(void **state)
     }
 }
 
-static void extreme_pictures_give_a_usable_gain(void **state)
+static void extreme_images_give_a_usable_gain(void **state)
 {
     static const float greys[] = { 0x1p-149f, FLT_MIN, FLT_MAX, INFINITY };
-    static struct picture p;
+    static struct sent_image p;
     (void)state;
 
     for (size_t i = 0; i < sizeof(greys) / sizeof(greys[0]); i++) {
@@ -240,7 +240,7 @@ static void extreme_pictures_give_a_usable_gain(void **state)
 
 static void average_has_the_same_bits_at_any_thread_count(void **state)
 {
-    static struct picture p;
+    static struct sent_image p;
     (void)state;
 
     scatter(&p, 30.0);
@@ -257,7 +257,7 @@ static void average_has_the_same_bits_at_any_thread_count(void **state)
 static void seven_steps_and_one_step_by_seven_end_alike(void **state)
 {
     (void)state;
-    static struct picture bright, dim;
+    static struct sent_image bright, dim;
     struct exposure a, b;
     fill(&bright, 10.0f);
     fill(&dim, 0.01f);
@@ -285,7 +285,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(black_frames_keep_the_gain),
     cmocka_unit_test(dawn_to_night_approaches_without_overshoot),
     cmocka_unit_test(adapt_one_takes_every_frame_at_once),
-    cmocka_unit_test(extreme_pictures_give_a_usable_gain),
+    cmocka_unit_test(extreme_images_give_a_usable_gain),
     cmocka_unit_test(average_has_the_same_bits_at_any_thread_count),
     cmocka_unit_test(seven_steps_and_one_step_by_seven_end_alike),
 };

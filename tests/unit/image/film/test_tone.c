@@ -215,7 +215,7 @@ static void every_size_fills_its_bytes_and_no_more(void **state)
     }
 }
 
-static void picture_has_the_same_bytes_at_any_thread_count(void **state)
+static void image_has_the_same_bytes_at_any_thread_count(void **state)
 {
     enum { SIDE = 83 };
     static float rgb[SIDE * SIDE * 3];
@@ -362,7 +362,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(one_odd_channel_leaves_the_others),
     cmocka_unit_test(reinhard_keeps_the_ratios_of_a_colour),
     cmocka_unit_test(every_size_fills_its_bytes_and_no_more),
-    cmocka_unit_test(picture_has_the_same_bytes_at_any_thread_count),
+    cmocka_unit_test(image_has_the_same_bytes_at_any_thread_count),
     cmocka_unit_test(sixteen_bits_are_eight_made_finer),
     cmocka_unit_test(names_are_parsed_and_others_refused),
     cmocka_unit_test(pq_is_that_of_the_standard),

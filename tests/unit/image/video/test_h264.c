@@ -44,7 +44,7 @@ static void reader_shut(struct reader *r)
     av_frame_free(&r->frame);
 }
 
-/* Into r->frame; the picture comes out at once or not at all. */
+/* Into r->frame; the image comes out at once or not at all. */
 static int reader_take(struct reader *r, const struct h264_output *out)
 {
     AVPacket *p = av_packet_alloc();
@@ -59,7 +59,7 @@ static int reader_take(struct reader *r, const struct h264_output *out)
     return failed;
 }
 
-/* Root mean square over pixels and channels, in code values, of what is in r->frame against `picture`. */
+/* Root mean square over pixels and channels, in code values, of what is in r->frame against `image`. */
 static double rms_error(const struct reader *r)
 {
     const AVFrame *f = r->frame;
@@ -88,7 +88,7 @@ static struct h264_output encode(struct h264_encoder *h, int quality, bool key)
     return out;
 }
 
-static void every_picture_comes_out_at_once_and_only_the_first_is_a_key(void **state)
+static void every_image_comes_out_at_once_and_only_the_first_is_a_key(void **state)
 {
     struct h264_encoder *h = h264_encoder_create();
     struct reader r;
@@ -124,7 +124,7 @@ static void units(const struct h264_output *out, char *types)
     *types = '\0';
 }
 
-static void a_key_picture_that_was_asked_for_stands_alone(void **state)
+static void a_key_image_that_was_asked_for_stands_alone(void **state)
 {
     struct h264_encoder *h = h264_encoder_create();
     char types[64];
@@ -162,12 +162,12 @@ static void the_stream_says_what_its_colours_are(void **state)
     assert_int_equal(r.frame->colorspace, AVCOL_SPC_BT709);
     assert_int_equal(r.frame->color_primaries, AVCOL_PRI_BT709);
     assert_int_equal(r.frame->color_trc, AVCOL_TRC_IEC61966_2_1);
-    assert_int_equal(r.context->has_b_frames, 0); /* it need not wait for a later picture */
+    assert_int_equal(r.context->has_b_frames, 0); /* it need not wait for a later image */
     reader_shut(&r);
     h264_encoder_destroy(h);
 }
 
-static void quality_is_heeded_from_one_picture_to_the_next(void **state)
+static void quality_is_heeded_from_one_image_to_the_next(void **state)
 {
     struct h264_encoder *h = h264_encoder_create();
     struct reader r;
@@ -204,7 +204,7 @@ static void what_does_not_move_costs_little(void **state)
     h264_encoder_destroy(h);
 }
 
-/* Bits that so many grainy pictures take, of which no pixel has anything to do with the last one's: the worst case. */
+/* Bits that so many grainy images take, of which no pixel has anything to do with the last one's: the worst case. */
 static double grainy_bits(struct h264_encoder *h, int count, int64_t step_us, double cap, int64_t *time_us)
 {
     static uint32_t random = 1;
@@ -234,7 +234,7 @@ static void a_cap_holds_by_the_time_that_passes(void **state)
 {
     static const double steps_s[] = { 1.0 / 60.0, 1.0 / 30.0, 0.1, 0.5 };
     const double cap = 400e3;
-    double a_picture = 0.0;
+    double an_image = 0.0;
     (void)state;
 
     for (size_t i = 0; i < sizeof(steps_s) / sizeof(steps_s[0]); i++) {
@@ -243,17 +243,17 @@ static void a_cap_holds_by_the_time_that_passes(void **state)
         int64_t time_us = 0;
         const double bits = grainy_bits(h, count, (int64_t)(1e6 * steps_s[i]), cap, &time_us);
         const double seconds = count * steps_s[i];
-        printf("%4.1f a second: %.0f bits a second, %.0f a picture\n", 1.0 / steps_s[i], bits / seconds, bits / count);
-        /* the bucket is full at first; at the fastest, these pictures take more than the coarsest quantiser gives */
+        printf("%4.1f a second: %.0f bits a second, %.0f an image\n", 1.0 / steps_s[i], bits / seconds, bits / count);
+        /* the bucket is full at first; at the fastest, these images take more than the coarsest quantiser gives */
         if (i > 0)
             assert_true(bits <= 1.05 * cap * (seconds + H264_CAP_S));
-        assert_true(bits > a_picture * count); /* slower ones have more each */
-        a_picture = bits / count;
+        assert_true(bits > an_image * count); /* slower ones have more each */
+        an_image = bits / count;
         h264_encoder_destroy(h);
     }
 }
 
-static void a_cap_is_heeded_from_one_picture_to_the_next(void **state)
+static void a_cap_is_heeded_from_one_image_to_the_next(void **state)
 {
     struct h264_encoder *h = h264_encoder_create();
     int64_t time_us = 0;
@@ -311,13 +311,13 @@ static void sides_out_of_range_are_refused(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(every_picture_comes_out_at_once_and_only_the_first_is_a_key),
-    cmocka_unit_test(a_key_picture_that_was_asked_for_stands_alone),
+    cmocka_unit_test(every_image_comes_out_at_once_and_only_the_first_is_a_key),
+    cmocka_unit_test(a_key_image_that_was_asked_for_stands_alone),
     cmocka_unit_test(the_stream_says_what_its_colours_are),
-    cmocka_unit_test(quality_is_heeded_from_one_picture_to_the_next),
+    cmocka_unit_test(quality_is_heeded_from_one_image_to_the_next),
     cmocka_unit_test(what_does_not_move_costs_little),
     cmocka_unit_test(a_cap_holds_by_the_time_that_passes),
-    cmocka_unit_test(a_cap_is_heeded_from_one_picture_to_the_next),
+    cmocka_unit_test(a_cap_is_heeded_from_one_image_to_the_next),
     cmocka_unit_test(any_size_can_be_encoded_and_another_one_begins_anew),
     cmocka_unit_test(sides_out_of_range_are_refused),
 };

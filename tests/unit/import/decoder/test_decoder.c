@@ -195,8 +195,8 @@ static void files_are_decoded_to_the_same_bits(void **state)
     decoder_destroy(d);
 }
 
-/* The picture is 2x1 texels. */
-static void a_picture_above_its_limit_is_refused_by_the_process_too(void **state)
+/* The image is 2x1 texels. */
+static void an_image_above_its_limit_is_refused_by_the_process_too(void **state)
 {
     (void)state;
     struct decoder *d = begin(NULL);
@@ -460,7 +460,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(what_cannot_be_started_is_said_at_once),
     cmocka_unit_test(whoever_waits_for_a_file_can_be_called_away),
     cmocka_unit_test(a_file_above_its_limit_is_not_handed_on),
-    cmocka_unit_test(a_picture_above_its_limit_is_refused_by_the_process_too),
+    cmocka_unit_test(an_image_above_its_limit_is_refused_by_the_process_too),
     cmocka_unit_test(memory_of_a_huge_file_goes_back_with_the_next),
 };
 UNIT_MAIN(tests)

@@ -1,4 +1,4 @@
-/* Pictures as libavcodec leaves them, made by hand, to linear texels: where values lie in memory, where chroma lies
+/* Images as libavcodec leaves them, made by hand, to linear texels: where values lie in memory, where chroma lies
  * among the luma samples, and what is assumed of a stream that does not say its colours. */
 #include "support/unit.h"
 
@@ -272,7 +272,7 @@ static void formats_without_plain_components_are_refused_by_name(void **state)
     texels_finish(&t);
 }
 
-/* One after the other: a wider picture, other colours, and the first ones again. */
+/* One after the other: a wider image, other colours, and the first ones again. */
 static void a_change_of_size_or_colour_is_followed(void **state)
 {
     static const int widths[] = { 2, 40, 2, 2 };

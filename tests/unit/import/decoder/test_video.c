@@ -1,4 +1,4 @@
-/* A stream through relight-video: JPEG pictures as packets, their texels and times, and faults by the stream's name. */
+/* A stream through relight-video: JPEG images as packets, their texels and times, and faults by the stream's name. */
 #include "support/unit.h"
 
 #include "import/decoder/video.h"
@@ -49,7 +49,7 @@ static unsigned char *grey_jpeg(int level, unsigned long *size)
 
 static void send(struct decoder *d, int level, int64_t time_us)
 {
-    struct video_picture picture;
+    struct video_image picture;
     struct reason why = { "" };
     unsigned long size;
     unsigned char *jpeg = grey_jpeg(level, &size);
@@ -77,10 +77,10 @@ static void must_show(struct decoder *d, double level)
     frame_finish(&f);
 }
 
-static void pictures_come_out_with_their_light_and_times(void **state)
+static void images_come_out_with_their_light_and_times(void **state)
 {
     struct decoder *d = start();
-    struct video_picture picture;
+    struct video_image picture;
     struct reason why = { "" };
     (void)state;
 
@@ -112,7 +112,7 @@ static void faults_are_told_by_the_streams_name(void **state)
     struct stream_format unknown = motion_jpeg;
     struct video_desc other = desc;
     struct decoder *d = start();
-    struct video_picture picture;
+    struct video_image picture;
     struct video_state seen;
     struct frame f = { .kind = FRAME_TEXELS };
     struct reason why = { "" };
@@ -134,7 +134,7 @@ static void faults_are_told_by_the_streams_name(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(pictures_come_out_with_their_light_and_times),
+    cmocka_unit_test(images_come_out_with_their_light_and_times),
     cmocka_unit_test(faults_are_told_by_the_streams_name),
 };
 UNIT_MAIN(tests)

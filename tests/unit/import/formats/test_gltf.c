@@ -3,7 +3,7 @@
 
 #include "pngs.h"
 
-#include "import/formats/parts.h"
+#include "import/formats/internal.h"
 
 #include <math.h>
 #include <turbojpeg.h>
@@ -315,7 +315,7 @@ static void without_a_camera_the_whole_is_framed(void **state)
     const struct vec3 right = vec3_normalize(vec3_cross(ahead, c->up)), up = vec3_cross(right, ahead);
     const float tan_y = tanf(0.5f * c->fov_y);
     float most = 0.0f;
-    for (int i = 0; i < 4; i++) { /* each corner within a picture of 4:3, which is about filled */
+    for (int i = 0; i < 4; i++) { /* each corner within an image of 4:3, which is about filled */
         const struct vec3 to = vec3_sub(vec3_make(square[3 * i], square[3 * i + 1], square[3 * i + 2]), c->position);
         const float depth = vec3_dot(to, ahead);
         const float x = fabsf(vec3_dot(to, right)) / (depth * tan_y * 4.0f / 3.0f);
@@ -381,7 +381,7 @@ static void jpeg_texture_is_read(void **state)
     struct scene *s = load_or_fail(write_gltf(&f, "a.gltf", "{" ONE_NODE TEXTURED("grey.jpg") TAIL));
     assert_float_equal(colour_at(s, 0.4f, 0.6f).y, 0.5028866f, 1e-3f);
     scene_destroy(s);
-    /* cut short: within the picture, and before it */
+    /* cut short: within the image, and before it */
     for (size_t left = size / 2; left; left = left > 20 ? 20 : 0) {
         struct reason why = { "" };
         char path[256];

@@ -2,7 +2,7 @@
 #include "support/unit.h"
 
 #include "base/rng.h"
-#include "job/team/team_parts.h"
+#include "job/team/team_internal.h"
 
 #define PACKETS 500
 #define RANKS 7
@@ -59,7 +59,7 @@ static void no_rank_exceeds_its_limit_from_any_cuts(void **state)
     }
 }
 
-/* A slow link: 100 packets take 5 ms of light and arrive 40 ms after the picture before. */
+/* A slow link: 100 packets take 5 ms of light and arrive 40 ms after the image before. */
 static void a_slow_link_is_remembered_while_nobody_waits_for_it(void **state)
 {
     double speed[2] = { 2000.0, 0.0 }, way_s[2] = { 0.0 }, waited[2] = { 0.0, 0.01 };
@@ -81,8 +81,8 @@ static void a_slow_link_is_remembered_while_nobody_waits_for_it(void **state)
     assert_float_equal(speed[1], 100.0 / 0.040, 50.0);
 }
 
-/* Rank 0 ends its picture 6 ms after the one before: an answer that is there took no longer. */
-static void an_answer_took_no_longer_than_the_picture(void **state)
+/* Rank 0 ends its image 6 ms after the one before: an answer that is there took no longer. */
+static void an_answer_took_no_longer_than_the_image(void **state)
 {
     double speed[2] = { 2000.0, 0.0 }, way_s[2] = { 0.0, 1.0 }, waited[2] = { 0.0 };
     struct team t = { .count = 2, .speed = speed, .way_s = way_s, .waited = waited };
@@ -98,7 +98,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(shares_within_their_limits_stay),
     cmocka_unit_test(no_rank_exceeds_its_limit_from_any_cuts),
     cmocka_unit_test(a_slow_link_is_remembered_while_nobody_waits_for_it),
-    cmocka_unit_test(an_answer_took_no_longer_than_the_picture),
+    cmocka_unit_test(an_answer_took_no_longer_than_the_image),
 };
 
 UNIT_MAIN(tests)

@@ -1,5 +1,5 @@
 /* Direct light by the cache of light transport, held to closed forms and to converged multiple importance sampling. */
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 #include "light/cache_direct/transports.h"
 #include "light/estimators/levels.h"
 #include "light/estimators/points.h"
@@ -60,17 +60,17 @@ static double rel_mse(const struct gbuffer *g, const float *x, const float *r)
     return sum / count;
 }
 
-static struct set *court(uint32_t width, uint32_t height)
+static struct prepared_scene *court(uint32_t width, uint32_t height)
 {
-    const struct set_desc desc = { .width = width, .height = height };
-    struct set *set;
+    const struct prepared_scene_desc desc = { .width = width, .height = height };
+    struct prepared_scene *set;
 
     set = set_of(&desc);
     return set;
 }
 
-/* For comparisons with converged pictures, whose points are like each other's: a quarter of them in each commit. */
-static struct set *court_of_length(void)
+/* For comparisons with converged images, whose points are like each other's: a quarter of them in each commit. */
+static struct prepared_scene *court_of_length(void)
 {
     return seeds_count(1, 2) == 1 ? court(24, 14) : court(WIDTH, HEIGHT);
 }
@@ -115,7 +115,7 @@ static void a_constant_sky_meets_the_closed_form(void **state)
     struct transport *t = transport_of(&g, NULL, &(struct transport_desc){ .no_visibility = true, .tolerance = -1.0f });
     float *lo = shade_by(t, &g, e, 64, &stats);
     double worst = 0.0;
-    assert_int_equal(stats.bright, 0);
+    assert_int_equal(stats.sun, 0);
     for (uint32_t i = 0; i < g.packet_count; i++)
         for (uint32_t c = 0; c < 3; c++)
             for (uint32_t l = 0; l < PACKET; l++) {
@@ -157,7 +157,7 @@ static void rows_and_colours_make_up_each_lobe(void **state)
         struct transport *t = transport_of(&g, NULL, &raw);
         float *lo = shade_by(t, &g, e, 64, &stats), *want = converge(&g, NULL, e, 32768);
         const double error = rel_mse(&g, lo, want);
-        assert_int_equal(stats.bright, 0);
+        assert_int_equal(stats.sun, 0);
         if (error > 1e-4) {
             printf("lobe %zu: relMSE %.2e\n", k, error);
             fail();
@@ -175,7 +175,7 @@ static void rows_and_colours_make_up_each_lobe(void **state)
  * Measured are 6e-5 to 1.4e-4. Each commit looks at two of the three skies. */
 static void the_bias_floor_is_low_under_smooth_skies(void **state)
 {
-    struct set *set = court_of_length();
+    struct prepared_scene *set = court_of_length();
     const struct gbuffer *g = set->gbuffer;
     struct transport *t = transport_of(g, set->rays, &(struct transport_desc){ .seed = 8 });
     struct transport_frame_stats stats;
@@ -185,7 +185,7 @@ static void the_bias_floor_is_low_under_smooth_skies(void **state)
         struct environment *e = sky_environment(k ? smooth_sky(k) : sky_overcast(128, 64), 128, 0.0);
         float *lo = shade_by(t, g, e, 64, &stats), *want = converge(g, set->rays, e, 4096);
         const double error = rel_mse(g, lo, want);
-        assert_int_equal(stats.bright, 0);
+        assert_int_equal(stats.sun, 0);
         assert_true(stats.rays == 0);
         if (error > 2e-4) {
             printf("sky %d: relMSE %.2e\n", (int)k, error);
@@ -199,11 +199,11 @@ static void the_bias_floor_is_low_under_smooth_skies(void **state)
     set_destroy(set);
 }
 
-/* With a sun, traced by 32 and 128 rays where it matters, the sum is the whole: the mean over the picture to 0.3 %, of
+/* With a sun, traced by 32 and 128 rays where it matters, the sum is the whole: the mean over the image to 0.3 %, of
  * which penumbrae that the few rays miss are a part, and no pixel far off. The sun lost or counted twice is 50 %. */
 static void the_bright_part_makes_it_whole_again(void **state)
 {
-    struct set *set = court_of_length();
+    struct prepared_scene *set = court_of_length();
     const struct gbuffer *g = set->gbuffer;
     struct transport *t = transport_of(g, set->rays, &(struct transport_desc){ .seed = 8 });
     struct environment *e = sky_environment(sky_with_sun(128, 64, 2e3f), 128, 0.0);
@@ -212,7 +212,7 @@ static void the_bright_part_makes_it_whole_again(void **state)
     (void)state;
 
     float *lo = shade_by(t, g, e, 1024, &stats), *want = converge(g, set->rays, e, 4096);
-    assert_true(stats.bright > 0 && stats.share > 0.1 && stats.rays > 0 && stats.penumbra > 0);
+    assert_true(stats.sun > 0 && stats.share > 0.1 && stats.rays > 0 && stats.penumbra > 0);
     for (size_t i = 0; i < (size_t)g->packet_count * 3 * PACKET; i++) {
         sum[0] += (double)lo[i];
         sum[1] += (double)want[i];
@@ -226,11 +226,11 @@ static void the_bright_part_makes_it_whole_again(void **state)
     set_destroy(set);
 }
 
-/* The compressed cache against one that is not, under random skies: relative to the picture, what is left out is within
- * a few times the tolerance (0.02 and 0.01 of the transport's norm), and tightening it tightens the picture. */
+/* The compressed cache against one that is not, under random skies: relative to the image, what is left out is within
+ * a few times the tolerance (0.02 and 0.01 of the transport's norm), and tightening it tightens the image. */
 static void compression_keeps_to_its_tolerance(void **state)
 {
-    struct set *set = court_of_length();
+    struct prepared_scene *set = court_of_length();
     const struct gbuffer *g = set->gbuffer;
     const size_t floats = (size_t)g->packet_count * 3 * PACKET;
     const struct transport_desc descs[3] = { { .tolerance = -1.0f, .tolerance_glossy = -1.0f },
@@ -269,7 +269,7 @@ static void compression_keeps_to_its_tolerance(void **state)
 
 static void threads_and_cpu_levels_do_not_change_the_bits(void **state)
 {
-    struct set *set = court(16, 9);
+    struct prepared_scene *set = court(16, 9);
     const struct gbuffer *g = set->gbuffer;
     const size_t floats = (size_t)g->packet_count * 3 * PACKET;
     struct environment *e = sky_environment(sky_with_sun(128, 64, 2e3f), 64, 0.0);
@@ -300,12 +300,12 @@ static void threads_and_cpu_levels_do_not_change_the_bits(void **state)
     set_destroy(set);
 }
 
-/* What blocks have seen of the sun's cells spares rays and hardly changes a picture: where it is forgotten, so that all
+/* What blocks have seen of the sun's cells spares rays and hardly changes an image: where it is forgotten, so that all
  * packets trace, no more than one point in 500 comes out otherwise. Blocks that were lit and dark the wrong way round
  * would be most of them; measured are 6 of 87 024 values. */
 static void what_blocks_have_seen_spares_rays(void **state)
 {
-    struct set *set = court(160, 90);
+    struct prepared_scene *set = court(160, 90);
     const struct gbuffer *g = set->gbuffer;
     struct transport *t = transport_of(g, set->rays, &(struct transport_desc){ .per_cell = 1, .seed = 8 });
     struct transport_frame_stats with, without;
@@ -373,7 +373,7 @@ static void points_aim(struct gbuffer *g, const struct environment *e, uint64_t 
     struct rng r = { seed };
 
     assert_int_equal(sky_split_take(&sky, e), ERR_OK);
-    assert_true(sky.bright_count > 0);
+    assert_true(sky.sun_count > 0);
     for (uint32_t i = 0; i < g->packet_count; i++)
         for (uint32_t l = 0; l < PACKET; l++) {
             struct shade_packet *p = &g->packets[i];
@@ -424,7 +424,7 @@ static void narrow_lobes_balance_their_own_looks_with_the_suns(void **state)
         struct transport *t = transport_of(&g, NULL, &(struct transport_desc){ .no_visibility = true });
         float *lo = shade_by(t, &g, e, 256, &stats), *want = converge(&g, NULL, e, 2048);
         assert_int_equal(transport_stats(t)->narrow, g.packet_count);
-        assert_true((stats.bright > 0) == (k % 2 == 0));
+        assert_true((stats.sun > 0) == (k % 2 == 0));
         for (size_t i = 0; i < (size_t)g.packet_count * 3 * PACKET; i++) {
             sum[0] += (double)lo[i];
             sum[1] += (double)want[i];
@@ -488,7 +488,7 @@ static void a_turning_sky_passes_narrow_lobes_without_steps(void **state)
 
 static void the_memory_limit_is_kept(void **state)
 {
-    struct set *set = court(20, 11);
+    struct prepared_scene *set = court(20, 11);
     struct transport *t = transport_of(set->gbuffer, set->rays, &(struct transport_desc){ .seed = 8 });
     const uint64_t bytes = transport_stats(t)->bytes;
     struct reason why = { "" };
@@ -511,7 +511,7 @@ static void the_memory_limit_is_kept(void **state)
 
 static void a_cancelled_one_is_not_there_and_no_error(void **state)
 {
-    struct set *set = court(32, 18);
+    struct prepared_scene *set = court(32, 18);
     const atomic_bool cancel = true;
     struct transport *t;
     struct reason why = { "" };
@@ -527,7 +527,7 @@ static void a_cancelled_one_is_not_there_and_no_error(void **state)
 /* From a sun to none, to black, to a lone light, to other sizes, and back: the same bits as at first. */
 static void any_sky_may_follow_any(void **state)
 {
-    struct set *set = court(32, 18);
+    struct prepared_scene *set = court(32, 18);
     const struct gbuffer *g = set->gbuffer;
     const size_t floats = (size_t)g->packet_count * 3 * PACKET;
     struct transport *t = transport_of(g, set->rays, &(struct transport_desc){ .seed = 1 });

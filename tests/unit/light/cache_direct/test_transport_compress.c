@@ -1,7 +1,7 @@
 /* The compression of one row of a block, and its product with a sky, on matrices whose rank is known. */
 #include "base/mem.h"
 #include "base/rng.h"
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 #include "light/estimators/kernels.h"
 #include "light/estimators/levels.h"
 

@@ -1,6 +1,6 @@
 /* The cache of light transport as a file: another run gets the same bits, and whatever is wrong is refused. */
 #include "light/cache_direct/file.h"
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 #include "light/cache_direct/sealed.h"
 #include "light/cache_direct/transports.h"
 #include "light/estimators/points.h"
@@ -11,7 +11,7 @@
 struct stage {
     struct folder folder;
     char path[256];
-    struct set *set;
+    struct prepared_scene *set;
     struct transport_desc desc;
     struct digest key;
     uint8_t *bytes;
@@ -20,7 +20,7 @@ struct stage {
 
 static void set_up(struct stage *s)
 {
-    const struct set_desc desc = { .width = 24, .height = 14, .edge_rays = 1 };
+    const struct prepared_scene_desc desc = { .width = 24, .height = 14, .edge_rays = 1 };
 
     *s = (struct stage){ .desc = { .seed = 8, .per_cell = 1, .lobe_samples = 8 } };
     folder_make(&s->folder);
@@ -111,7 +111,7 @@ static void loaded_and_computed_give_the_same_bits(void **state)
             assert_int_equal(transport_shade(made[k], e, &frame, lo[k], &stats), ERR_OK);
             transport_destroy(made[k]);
         }
-        assert_true(stats.bright > 0);
+        assert_true(stats.sun > 0);
         assert_memory_equal(lo[0], lo[1], floats * sizeof(float));
         mem_free(lo[0]);
         mem_free(lo[1]);
@@ -148,7 +148,7 @@ static void cuts_and_flipped_bits_are_refused(void **state)
 /* A key tells apart whatever would give another transport, and memory is not of that kind. */
 static void what_was_made_of_something_else_is_refused(void **state)
 {
-    const struct set_desc others[] = { { .width = 24, .height = 15, .edge_rays = 1 },
+    const struct prepared_scene_desc others[] = { { .width = 24, .height = 15, .edge_rays = 1 },
                                        { .width = 24, .height = 14, .edge_rays = 2 } };
     struct stage s;
     struct transport *t;
@@ -183,7 +183,7 @@ static void what_was_made_of_something_else_is_refused(void **state)
     keys[count++] = transport_key(s.set->gbuffer, s.set->scene, &s.desc);
     s.set->gbuffer->packets[3].diffuse[1][15] -= 1e-3f;
     for (int k = 0; k < 2; k++) {
-        struct set *other;
+        struct prepared_scene *other;
         assert_int_equal(set_create(&others[k], &other, &why), ERR_OK);
         keys[count++] = transport_key(other->gbuffer, other->scene, &s.desc);
         set_destroy(other);

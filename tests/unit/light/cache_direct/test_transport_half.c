@@ -2,7 +2,7 @@
 #include "base/half.h"
 #include "base/mem.h"
 #include "base/rng.h"
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 #include "light/estimators/kernels.h"
 #include "light/estimators/levels.h"
 

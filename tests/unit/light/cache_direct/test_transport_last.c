@@ -7,7 +7,7 @@
 enum { SKY = 64 };
 
 struct frames {
-    struct set *set;
+    struct prepared_scene *set;
     struct transport *transport;
     struct frame painted; /* SKY x SKY / 2 */
     uint32_t samples;
@@ -17,7 +17,7 @@ struct frames {
 
 static struct frames frames_make(void)
 {
-    struct frames f = { .set = set_of(&(struct set_desc){ .width = 40, .height = 22 }), .samples = 64 };
+    struct frames f = { .set = set_of(&(struct prepared_scene_desc){ .width = 40, .height = 22 }), .samples = 64 };
     const size_t floats = (size_t)f.set->gbuffer->packet_count * 3 * PACKET;
 
     f.transport =
@@ -116,7 +116,7 @@ static void only_what_has_changed_is_computed(void **state)
     (void)state;
 
     shade_both(&f, NULL);
-    assert_true(f.stats.shone == packets && f.stats.bright > 0);
+    assert_true(f.stats.shone == packets && f.stats.sun > 0);
     shade_both(&f, NULL); /* from now on light is kept */
     const uint64_t rays = f.stats.rays;
     shade_both(&f, NULL);
@@ -163,7 +163,7 @@ static unsigned work_of_next_frame(struct transport *t)
     assert_true(transport_last_begin(t, NULL));
     const unsigned work = transport_last_work(t, 0);
     transport_last_end(t, true);
-    return work & TRANSPORT_WORK_BRIGHT;
+    return work & TRANSPORT_WORK_SUN;
 }
 
 /* The first, a middle, and the last sample of each kind; cone, flux and seed. */
@@ -174,7 +174,7 @@ static void a_change_of_any_sample_of_the_sun_is_seen(void **state)
 
     shade_both(&f, NULL);
     shade_both(&f, NULL);
-    struct transport_bright *b = &f.transport->bright;
+    struct transport_sun *b = &f.transport->sun;
     float *const kinds[] = { b->x, b->y, b->z, b->r, b->g, b->b, b->density };
     const size_t count = (size_t)b->strata * TRANSPORT_VARIANTS, places[] = { 0, count / 2, count - 1 };
     float *const single[] = { &b->axis[0], &b->axis[2], &b->cosine, &b->sine, &b->flux[0][0], &b->flux[2][2] };

@@ -10,7 +10,7 @@
 #include <sched.h>
 
 struct stage {
-    struct set *set;
+    struct prepared_scene *set;
     struct transport_desc desc;
     struct transport_live *live;
     struct transport *cache; /* of it */
@@ -26,7 +26,7 @@ struct stage {
 
 static void set_up(struct stage *s, struct frame sky, uint64_t max_bytes)
 {
-    const struct set_desc desc = { .width = 48, .height = 27, .edge_rays = 1 };
+    const struct prepared_scene_desc desc = { .width = 48, .height = 27, .edge_rays = 1 };
     struct reason why = { "" };
 
     *s = (struct stage){ .desc = { .seed = 8, .max_bytes = max_bytes } };
@@ -72,7 +72,7 @@ static void make_frame(struct stage *s)
     assert_int_equal(transport_shade(s->cache, s->sky, &frame, s->lo, &stats), ERR_OK);
 }
 
-/* The picture of the cache that is made at once, and what that takes. */
+/* The image of the cache that is made at once, and what that takes. */
 static float *wait_for(struct stage *s, struct transport_stats *stats)
 {
     const struct transport_frame frame = { .samples = 16, .seed = 3 };
@@ -170,10 +170,10 @@ static void *build_main(void *arg)
     return NULL;
 }
 
-/* A builder's thread beside the frames', under a constant sky: from one frame to the next the picture changes by a
+/* A builder's thread beside the frames', under a constant sky: from one frame to the next the image changes by a
  * twelfth of its mean at most (rms; measured 0.046), and no point by half the sky. Taking over at once is 0.37. The end
- * is the picture of the cache that is waited for. */
-static void pictures_flow_without_a_jump_while_it_is_built(void **state)
+ * is the image of the cache that is waited for. */
+static void images_flow_without_a_jump_while_it_is_built(void **state)
 {
     struct transport_stats stats;
     double rms, most, worst = 0.0;
@@ -332,7 +332,7 @@ static void coarse_lobes_are_balanced(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(what_comes_takes_over_in_eight_even_steps),
-    cmocka_unit_test(pictures_flow_without_a_jump_while_it_is_built),
+    cmocka_unit_test(images_flow_without_a_jump_while_it_is_built),
     cmocka_unit_test(coarse_light_is_near),
     cmocka_unit_test(coarse_lobes_are_balanced),
     cmocka_unit_test(the_memory_limit_is_kept_on_the_way),

@@ -2,7 +2,7 @@
 #include "base/mem.h"
 #include "light/cache/cache_share.h"
 #include "light/cache_direct/live.h"
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 #include "light/cache_direct/transports.h"
 #include "light/estimators/points.h"
 #include "support/skies.h"
@@ -207,7 +207,7 @@ static void the_suns_share_is_that_of_all_light(void **state)
         assert_int_equal(transport_shade(t, e, &frame, lo, &stats), ERR_OK);
         printf("share %.4f\n", stats.share);
         assert_near(stats.share, k < 2 ? sun / (sun + 4.0 * PI) : 0.0, 0.01);
-        assert_true((stats.bright > 0) == (k < 2));
+        assert_true((stats.sun > 0) == (k < 2));
         environment_destroy(e);
     }
     mem_free(lo);

@@ -1,5 +1,5 @@
 /* Directions that need not be traced, since all about them agree. */
-#include "light/cache_direct/parts.h"
+#include "light/cache_direct/internal.h"
 #include "light/estimators/points.h"
 #include "light/frame/relight.h"
 #include "support/sets.h"
@@ -82,12 +82,12 @@ static void compare(const struct traced *all, const struct traced *few, uint32_t
  * even sky, and with at most `rays` of the rays and the `error` in the root of the mean square over cells. */
 static void missed(bool known, double rays, double error)
 {
-    const struct set_desc desc = { .width = 64, .height = 36, .edge_rays = 1 };
+    const struct prepared_scene_desc desc = { .width = 64, .height = 36, .edge_rays = 1 };
     struct transport_directions few, all;
     struct traced a = { .rows = mem_alloc(TRANSPORT_ROWS, sizeof(*a.rows)) },
                   b = { .rows = mem_alloc(TRANSPORT_ROWS, sizeof(*b.rows)) };
     double whole[2] = { 0.0 }, squares[2] = { 0.0 };
-    struct set *set = set_of(&desc);
+    struct prepared_scene *set = set_of(&desc);
 
     assert_int_equal(transport_directions_init(&few, 2, 1, 9), ERR_OK);
     all = few;
@@ -116,7 +116,7 @@ static void what_is_not_traced_is_not_missed(void **state)
     missed(false, 0.75, 1e-2);
 }
 
-/* Measured 0.61 and 1.0e-2; without the neighbours' agreement 0.12. In so small a picture a block is wide. */
+/* Measured 0.61 and 1.0e-2; without the neighbours' agreement 0.12. In so small an image a block is wide. */
 static void what_a_block_knows_is_not_missed(void **state)
 {
     (void)state;

@@ -2,8 +2,8 @@
 #pragma once
 
 #include "light/cache_direct/transports.h"
-#include "light/cache_indirect/bounce.h"
-#include "light/cache_indirect/parts.h"
+#include "light/cache_indirect/indirect.h"
+#include "light/cache_indirect/internal.h"
 #include "light/estimators/courts.h"
 #include "light/estimators/points.h"
 
@@ -17,9 +17,9 @@ static inline struct transport *direct_of(const struct lit *x)
     return t;
 }
 
-static inline struct bounce_desc desc_of(const struct lit *x, const struct transport *t, uint64_t seed)
+static inline struct indirect_desc desc_of(const struct lit *x, const struct transport *t, uint64_t seed)
 {
-    return (struct bounce_desc){ .scene = x->scene,
+    return (struct indirect_desc){ .scene = x->scene,
                                  .rays = x->rays,
                                  .gbuffer = x->gbuffer,
                                  .direct = t,
@@ -28,19 +28,19 @@ static inline struct bounce_desc desc_of(const struct lit *x, const struct trans
                                  .seed = seed };
 }
 
-static inline struct bounce *bounce_of(const struct lit *x, const struct transport *t, uint64_t seed)
+static inline struct indirect_cache *indirect_of(const struct lit *x, const struct transport *t, uint64_t seed)
 {
-    const struct bounce_desc desc = desc_of(x, t, seed);
-    struct bounce *b;
+    const struct indirect_desc desc = desc_of(x, t, seed);
+    struct indirect_cache *b;
     struct reason why;
 
-    assert_int_equal(bounce_create(&desc, best_kernels(), &b, &why), ERR_OK);
+    assert_int_equal(indirect_create(&desc, best_kernels(), &b, &why), ERR_OK);
     assert_non_null(b);
     return b;
 }
 
-static inline void shade_bounce(struct bounce *b, struct lit *x, const struct environment *e)
+static inline void shade_indirect(struct indirect_cache *b, struct lit *x, const struct environment *e)
 {
     clear(x);
-    bounce_shade_part(b, e, 1.0f, NULL, x->lo);
+    indirect_shade_part(b, e, 1.0f, NULL, x->lo);
 }

@@ -1,4 +1,4 @@
-unit_test(cache_indirect test_bounce_file frame z)
-unit_test(cache_indirect test_bounce OpenMP::OpenMP_C)
-unit_test(cache_indirect test_bounce_parts)
-unit_test(cache_indirect test_bounce_series)
+unit_test(cache_indirect test_indirect_file frame z)
+unit_test(cache_indirect test_indirect OpenMP::OpenMP_C)
+unit_test(cache_indirect test_indirect_parts)
+unit_test(cache_indirect test_indirect_series)

@@ -7,7 +7,7 @@
 #include "base/cpu.h"
 #include "image/film/film.h"
 #include "image/film/tone_kernel.h"
-#include "light/cache_indirect/parts.h"
+#include "light/cache_indirect/internal.h"
 #include "scene/surface/lanes.h"
 
 #include <float.h>
@@ -178,7 +178,7 @@ static void every_level_gives_the_same_codes(void **state)
                 if (k > 0 && memcmp(want, got, sizeof(want)) != 0)
                     fail_msg("level %s, %s, %u pixels, seed %llu", all[k]->level,
                              choice_name(tone_choices, (int)desc.curve), width, (unsigned long long)s);
-                for (size_t i = 3 * (size_t)width; i < sizeof(got); i++) /* what lies behind the picture stands */
+                for (size_t i = 3 * (size_t)width; i < sizeof(got); i++) /* what lies behind the image stands */
                     assert_int_equal(out[i], 0x55);
             }
     }
@@ -266,7 +266,7 @@ static void lane_functions_keep_their_stated_error(void **state)
     assert_true(lane_exp2(-200.0f) == 0.0f && lane_power(1.0f, 1e4f) == 1.0f);
 }
 
-/* Interreflection's loops: ranks that fill no sixteen and that fill them, every number of packets, all kinds and rows.
+/* Indirect light's loops: ranks that fill no sixteen and that fill them, every number of packets, all kinds and rows.
  */
 static void every_level_gives_the_same_interreflection(void **state)
 {
@@ -290,7 +290,7 @@ static void every_level_gives_the_same_interreflection(void **state)
         make_hurtful(&g, r.state);
         for (size_t i = 0; i < 4 * sizeof(ranks) / sizeof(ranks[0]); i++) {
             const uint32_t rank = ranks[i / 4], points = (uint32_t)(i % 4 + 1) * PACKET;
-            const struct bounce_piece q = { bytes, rank, BASIS - PACKET };
+            const struct indirect_piece q = { bytes, rank, BASIS - PACKET };
             const float gain = 0.01f, weight[3] = { 0.3f, -0.7f, 0.11f };
             const struct transport_block dark = { .packets = points / PACKET, .kind = (uint32_t)kind };
             float want[3][TRANSPORT_POINTS] = { { 0.0f } }, want_lo[TRANSPORT_PACKETS * 3 * PACKET],
@@ -298,12 +298,12 @@ static void every_level_gives_the_same_interreflection(void **state)
             for (uint32_t k = 0; k < rank; k++)
                 memcpy(bytes + k * sizeof(gain), &gain, sizeof(gain));
             for (size_t k = 0; all[k]; k++) {
-                const struct bounce_kernels *b = bounce_kernels_of(all[k]);
+                const struct indirect_kernels *b = indirect_kernels_of(all[k]);
                 _Alignas(64) float z[3 * 48], lo[TRANSPORT_PACKETS * 3 * PACKET], to[3 * BASIS];
                 struct transport_rows rows = { .count = TRANSPORT_ROWS };
                 b->project(&q, y, BASIS, z);
                 for (uint32_t row = 0; row < TRANSPORT_ROWS; row++)
-                    b->expand(bytes, rank, z, bounce_columns(rank), points, rows.at[row]);
+                    b->expand(bytes, rank, z, indirect_columns(rank), points, rows.at[row]);
                 transport_kernels_of(all[k])->cells(&dark, g.packets, NULL, &rows, lo);
                 memcpy(to, y, sizeof(to));
                 b->add(to, from, weight, BASIS);

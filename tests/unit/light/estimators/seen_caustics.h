@@ -1,4 +1,4 @@
-/* A set under one sky, where in its picture caustics are seen, and how far pictures of them are from the truth: for
+/* A set under one sky, where in its image caustics are seen, and how far images of them are from the truth: for
  * the figures that compare how fast caustics are found. The truth is the light tracer's own mean over other seeds. */
 #pragma once
 
@@ -20,7 +20,7 @@
 #define SEEN_REFERENCE (UINT64_C(1) << 62)
 
 struct seen {
-    struct set *set;
+    struct prepared_scene *set;
     struct environment *environment;
     struct light_tracer *tracer;
     struct path_world world;
@@ -51,7 +51,7 @@ static inline bool seen_is_mixed(const struct gbuffer *g, size_t i)
     const uint32_t first = g->entry_first[i], count = g->entry_first[i + 1] - first;
     const uint32_t point = count ? g->entries[first].point : 0;
 
-    return count != 1 || g->escape_first[i + 1] > g->escape_first[i] ||
+    return count != 1 || g->miss_first[i + 1] > g->miss_first[i] ||
            g->packets[point / PACKET].behind[point % PACKET];
 }
 
@@ -72,7 +72,7 @@ static inline void seen_find_plain(struct seen *s)
 
 static inline void seen_open(struct seen *s, const char *scene, const char *sky, uint32_t width, uint32_t height)
 {
-    const struct set_desc set = { .scene = scene, .width = width, .height = height };
+    const struct prepared_scene_desc set = { .scene = scene, .width = width, .height = height };
     const struct source_desc from = { .spec = sky };
     struct source *source = NULL;
     struct frame frame = { 0 };
@@ -136,7 +136,7 @@ static inline uint64_t seen_caustics(const struct seen *s, enum seen_by by, uint
     }
 }
 
-/* Adds a picture to a mean of `count`. */
+/* Adds an image to a mean of `count`. */
 static inline void seen_add(const struct seen *s, double *mean, const float *rgb, uint32_t count)
 {
     for (size_t i = 0; i < 3 * (size_t)s->pixels; i++)
@@ -148,7 +148,7 @@ static inline void seen_add(const struct seen *s, double *mean, const float *rgb
  * what they light. */
 static inline void seen_refer(struct seen *s, const char *scene, uint32_t seeds, uint32_t particles, uint32_t eye_paths)
 {
-    const struct set_desc desc = {
+    const struct prepared_scene_desc desc = {
         .scene = scene, .width = s->width, .height = s->height, .edge_rays = 3, .every_pixel = true
     };
     struct relight_desc all = {
@@ -162,7 +162,7 @@ static inline void seen_refer(struct seen *s, const char *scene, uint32_t seeds,
     const size_t values = 3 * (size_t)s->pixels;
     const struct kernels *kernels;
     struct relight_stats stats;
-    struct set *fine;
+    struct prepared_scene *fine;
     struct reason why = { { 0 } };
     double *caustics = mem_alloc(values, sizeof(double)), *whole = mem_alloc(values, sizeof(double));
     float *one = mem_alloc(values, sizeof(float));

@@ -22,7 +22,7 @@ static void make_matte(struct world *w, uint32_t width, uint32_t height)
     world_make(w, s, &corner_camera, width, height, sky_environment(sky_overcast(64, 32), 32, 0.0));
 }
 
-/* Means over the picture, and over 6 blocks, of some seeds. */
+/* Means over the image, and over 6 blocks, of some seeds. */
 struct measured {
     struct blocks whole, blocks;
 };
@@ -44,8 +44,8 @@ static struct measured measure(render_function *render, const struct world *w, u
     return m;
 }
 
-/* The mean over the picture within `bound` of the path tracer's, and each block within three times that; 4 standard
- * errors are forgiven, and of the picture's mean they are asserted to be no more than the bound. */
+/* The mean over the image within `bound` of the path tracer's, and each block within three times that; 4 standard
+ * errors are forgiven, and of the image's mean they are asserted to be no more than the bound. */
 static void near_path(const char *what, render_function *render, const struct world *w, uint32_t classes,
                       uint32_t samples, double bound)
 {
@@ -146,7 +146,7 @@ static void background_and_direct_are_paths(void **state)
 static void a_dim_sky_lights_as_a_bright_one_everywhere(void **state)
 {
     static render_function *const all[] = { path_render, photons_render, vpl_render };
-    static float bright[SIZE], dim[SIZE];
+    static float sun[SIZE], dim[SIZE];
     (void)state;
     for (int k = 0; k < 3; k++) {
         for (int is_dim = 0; is_dim < 2; is_dim++) {
@@ -155,14 +155,14 @@ static void a_dim_sky_lights_as_a_bright_one_everywhere(void **state)
             struct world w;
             world_make(&w, corner_scene(0.7f, 0.9f), &corner_camera, WIDTH, HEIGHT,
                        sky_environment(sky_constant(16, 8, is_dim ? 0x1p-20f : 1.0f), 8, 0.0));
-            assert_int_equal(all[k](&w.path, &d, is_dim ? dim : bright, &stats), ERR_OK);
+            assert_int_equal(all[k](&w.path, &d, is_dim ? dim : sun, &stats), ERR_OK);
             world_finish(&w);
         }
         float rows[HEIGHT] = { 0 }, columns[WIDTH] = { 0 };
         for (int i = 0; i < SIZE; i++) {
-            assert_true(dim[i] == bright[i] * 0x1p-20f);
-            rows[i / 3 / WIDTH] += bright[i];
-            columns[i / 3 % WIDTH] += bright[i];
+            assert_true(dim[i] == sun[i] * 0x1p-20f);
+            rows[i / 3 / WIDTH] += sun[i];
+            columns[i / 3 % WIDTH] += sun[i];
         }
         for (int y = HEIGHT / 2; y < HEIGHT; y++) /* the upper rows may show the sky alone */
             assert_true(rows[y] > 0.0f);

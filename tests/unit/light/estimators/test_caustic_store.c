@@ -2,8 +2,8 @@
  *
  * Statistical claims compare means over stores (seeds), each drawn without a look at a sky, with means over runs of
  * the light tracer, which test_light_tracer.c holds to closed forms. They differ where they are more than 4.5 joint
- * standard errors apart over the picture, 6.5 in one of its sixteenths (few splats: further from normal). Of each
- * comparison the joint error over the picture by 24 seeds (`./test --long`) is asserted, as a share of it: 0.4 %,
+ * standard errors apart over the image, 6.5 in one of its sixteenths (few splats: further from normal). Of each
+ * comparison the joint error over the image by 24 seeds (`./test --long`) is asserted, as a share of it: 0.4 %,
  * under the narrow skies 0.7 %; by the 8 of each commit, of half as many paths, it may be 2.45 times that, and five
  * errors apart. A bias of five times what is allowed is caught in 7 of 10 by one comparison if the error is as large as
  * that, and where it is four fifths of it, as measured, in 96 of 100; there are five. Whether every splat is kept with
@@ -49,12 +49,12 @@ static void light(struct caustic_store *s, const struct environment *e, float le
     assert_int_equal(caustic_store_light(s, e, level, rgb), ERR_OK);
 }
 
-/* Light tracer: the whole sky, or its bright part alone. */
-static void traced(const struct stage *s, const struct environment *e, const struct sky_split *bright, uint64_t seed,
+/* Light tracer: the whole sky, or its sun alone. */
+static void traced(const struct stage *s, const struct environment *e, const struct sky_split *sun, uint64_t seed,
                    float rgb[VALUES])
 {
     struct light_tracer *t = light_tracer_create(s->scene, s->rays, &s->view);
-    const struct light_tracer_desc d = { .classes = BOTH, .particles = 80000 / part(), .seed = seed, .bright = bright };
+    const struct light_tracer_desc d = { .classes = BOTH, .particles = 80000 / part(), .seed = seed, .sun = sun };
     struct light_tracer_stats stats;
 
     assert_non_null(t);
@@ -139,16 +139,16 @@ static struct frame wide_sun(void)
 static void the_store_and_the_bright_part_add_up(void **state)
 {
     struct stage s = busy_stage();
-    struct sky_split bright = { 0 };
+    struct sky_split sun = { 0 };
     (void)state;
 
     for (int k = 0; k < 2; k++) {
         struct environment *e = sky_environment(k ? sky_with_sun(64, 32, 6000.0f) : wide_sun(), 64, 0.0);
         struct blocks got = sixteenths, want = sixteenths;
-        assert_int_equal(sky_split_take(&bright, e), ERR_OK);
-        assert_true(bright.bright_count > 0 && bright.level > 0.0f);
-        printf("the bright part has %.3f of the energy, level %.2f\n", bright.bright_energy / e->total_energy,
-               (double)bright.level);
+        assert_int_equal(sky_split_take(&sun, e), ERR_OK);
+        assert_true(sun.sun_count > 0 && sun.level > 0.0f);
+        printf("the sun has %.3f of the energy, level %.2f\n", sun.sun_energy / e->total_energy,
+               (double)sun.level);
         for (uint64_t seed = 0; seed < seeds_count(SEEDS_FEW, SEEDS_ALL); seed++) {
             float lower[VALUES], upper[VALUES], whole[VALUES];
             const struct caustic_store_desc desc = {
@@ -156,8 +156,8 @@ static void the_store_and_the_bright_part_add_up(void **state)
             };
             struct caustic_store *store = store_make(&s, &desc);
             turn(store, 0);
-            light(store, e, bright.level, lower);
-            traced(&s, e, &bright, seed, upper);
+            light(store, e, sun.level, lower);
+            traced(&s, e, &sun, seed, upper);
             traced(&s, e, NULL, seed + 1000, whole);
             for (int i = 0; i < VALUES; i++)
                 lower[i] += upper[i];
@@ -168,7 +168,7 @@ static void the_store_and_the_bright_part_add_up(void **state)
         assert_same_mean(k ? "a strong sun" : "a wide sun", &got, &want, 4e-3);
         environment_destroy(e);
     }
-    sky_split_finish(&bright);
+    sky_split_finish(&sun);
     stage_free(&s);
 }
 
@@ -183,7 +183,7 @@ static double floor_cosine(const double w[3], const void *user)
 static void a_sun_by_itself_is_all_bright(void **state)
 {
     struct environment *e = sky_sun_only(45.0, 90.0, 1000.0f);
-    struct sky_split bright = { 0 };
+    struct sky_split sun = { 0 };
     struct tally pixels[PICTURE_MAX];
     struct scene *scene = scene_create();
     float rgb[VALUES];
@@ -194,20 +194,20 @@ static void a_sun_by_itself_is_all_bright(void **state)
     add_wall(scene, add_kind(scene, MATERIAL_MIRROR, 0.9f, 0.8f, 0.4f, 0.0f), 0, 0.0f, (const float[2]){ 0.3f, -0.2f },
              (const float[2]){ 0.7f, 0.2f });
     struct stage s = stage_make(scene, vec3_make(2.0f, 2.0f, 0.0f), vec3_make(0.5f, 0.0f, 0.0f), 2.5, SIDE, SIDE);
-    assert_int_equal(sky_split_take(&bright, e), ERR_OK);
-    assert_true(fabs(bright.bright_energy / e->total_energy - 1.0) < 1e-6);
+    assert_int_equal(sky_split_take(&sun, e), ERR_OK);
+    assert_true(fabs(sun.sun_energy / e->total_energy - 1.0) < 1e-6);
     struct caustic_store *store = store_make(&s, &(struct caustic_store_desc){ .classes = BOTH, .paths = 20000 });
     turn(store, 0);
-    light(store, e, bright.level, rgb);
+    light(store, e, sun.level, rgb);
     for (int i = 0; i < VALUES; i++)
         assert_true(rgb[i] == 0.0f);
-    const struct light_tracer_desc d = { .classes = PATH_CAUSTICS, .particles = 1 << 16, .bright = &bright };
+    const struct light_tracer_desc d = { .classes = PATH_CAUSTICS, .particles = 1 << 16, .sun = &sun };
     const struct tally whole = stage_trace(&s, e, d, 16, pixels);
     const double want = 0.5 / PI * (0.9 + 0.8 + 0.4) / 3.0 * sky_integral(e, floor_cosine, NULL);
     printf("%.6f +- %.6f, closed form %.6f\n", tally_mean(&whole), tally_error(&whole), want);
     assert_true(fabs(tally_mean(&whole) - want) <= 4.5 * tally_error(&whole) && tally_error(&whole) < 1.5e-3 * want);
     caustic_store_destroy(store);
-    sky_split_finish(&bright);
+    sky_split_finish(&sun);
     stage_free(&s);
     environment_destroy(e);
 }
@@ -240,7 +240,7 @@ static enum err sum_splats(void *user, const struct particle_splat *splats, size
 }
 
 /* Each pixel is the sum over its splats, by one texel of the sky each, but for the rounding of a splat to 8 bits; over
- * the picture that, being by chance, all but cancels: of some 10^4 splats 0.3 % each leave 3e-5, and 2e-4 is allowed.
+ * the image that, being by chance, all but cancels: of some 10^4 splats 0.3 % each leave 3e-5, and 2e-4 is allowed.
  */
 static void pixels_are_the_sums_of_their_splats(void **state)
 {
@@ -280,7 +280,7 @@ static void pixels_are_the_sums_of_their_splats(void **state)
     stage_free(&s);
 }
 
-static void twice_the_light_is_exactly_twice_the_picture(void **state)
+static void twice_the_light_is_exactly_twice_the_image(void **state)
 {
     struct stage s = busy_stage();
     struct environment *one = sky_environment(sky_with_sun(64, 32, 50.0f), 64, 0.0);
@@ -473,7 +473,7 @@ static double mean_of(const float rgb[VALUES])
     return sum;
 }
 
-/* Two parts give as much light as sixteen, but for noise, and both halves of all of them the picture of the whole. */
+/* Two parts give as much light as sixteen, but for noise, and both halves of all of them the image of the whole. */
 static void it_lights_while_it_grows(void **state)
 {
     struct stage s = busy_stage();
@@ -576,7 +576,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_store_and_the_bright_part_add_up),
     cmocka_unit_test(a_sun_by_itself_is_all_bright),
     cmocka_unit_test(pixels_are_the_sums_of_their_splats),
-    cmocka_unit_test(twice_the_light_is_exactly_twice_the_picture),
+    cmocka_unit_test(twice_the_light_is_exactly_twice_the_image),
     cmocka_unit_test(a_turn_replaces_the_oldest_part_and_no_other),
     cmocka_unit_test(the_mean_over_turns_converges),
     cmocka_unit_test(one_thread_and_two_give_the_same_bits),

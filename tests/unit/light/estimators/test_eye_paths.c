@@ -390,12 +390,12 @@ static void cancelled_or_black_adds_nothing(void **state)
     struct eye_paths_stats stats;
     struct eye_paths_desc desc = { PATH_ALL, PATH_ALL, .paths = 4, .cancel = &cancel };
     (void)state;
-    struct environment *bright = sky_environment(sky_constant(16, 8, 1.0f), 16, 0.0);
+    struct environment *sun = sky_environment(sky_constant(16, 8, 1.0f), 16, 0.0);
     struct environment *black = sky_environment(sky_constant(16, 8, 0.0f), 16, 0.0);
     struct lit x = lit_create(white_court(), 12, 10);
     for (size_t k = 0; k < x.size; k++)
         x.lo[k] = 0.25f;
-    assert_int_equal(eye_paths_shade(x.scene, x.rays, x.gbuffer, bright, &desc, x.lo, &stats), ERR_OK);
+    assert_int_equal(eye_paths_shade(x.scene, x.rays, x.gbuffer, sun, &desc, x.lo, &stats), ERR_OK);
     assert_int_equal(stats.paths, 0);
     desc.cancel = NULL;
     assert_int_equal(eye_paths_shade(x.scene, x.rays, x.gbuffer, black, &desc, x.lo, &stats), ERR_OK);
@@ -403,7 +403,7 @@ static void cancelled_or_black_adds_nothing(void **state)
         assert_true(x.lo[k] == 0.25f);
     lit_destroy(&x);
     environment_destroy(black);
-    environment_destroy(bright);
+    environment_destroy(sun);
 }
 
 /* The passes of one seed go on with one sequence: 16 passes of one path have at most 0.6 times the variance that 16

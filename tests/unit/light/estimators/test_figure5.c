@@ -4,7 +4,7 @@
  * mutation, start-up included, and 0.79 for a particle. Counting rays would favour the light tracer, whose rays cost
  * 0.41 us each to 0.22 and 0.33: fewer of them lie side by side.
  *
- * Seeds are fixed and pictures the same at any number of threads, so that nothing here fails by chance. On other
+ * Seeds are fixed and images the same at any number of threads, so that nothing here fails by chance. On other
  * processors a ray that grazes an edge may go the other way and chains with it, for which the bounds leave room. */
 #include "light/estimators/seen_caustics.h"
 
@@ -19,21 +19,21 @@ static const uint32_t equal_time[SEEN_BY_COUNT] = {
     [SEEN_LIGHT] = PARTICLES,
 };
 
-/* Chains meet the sun by chance a few times in ten pictures, and then dwell: most of the error is in few of them. */
-static const uint32_t pictures[SEEN_BY_COUNT] = { [SEEN_PATH] = 3, [SEEN_MLT] = 8, [SEEN_LIGHT] = 2 };
+/* Chains meet the sun by chance a few times in ten images, and then dwell: most of the error is in few of them. */
+static const uint32_t images[SEEN_BY_COUNT] = { [SEEN_PATH] = 3, [SEEN_MLT] = 8, [SEEN_LIGHT] = 2 };
 
-/* relMSE of caustics by one technique, in the region: the mean over some pictures. */
+/* relMSE of caustics by one technique, in the region: the mean over some images. */
 static double error_of(const struct seen *s, enum seen_by by, const uint8_t *region)
 {
     float *rgb = mem_alloc(s->pixels, 3 * sizeof(float));
     double error = 0.0;
     uint64_t rays = 0;
 
-    for (uint64_t seed = 1; seed <= pictures[by]; seed++) {
+    for (uint64_t seed = 1; seed <= images[by]; seed++) {
         rays += seen_caustics(s, by, equal_time[by], seed, rgb);
-        error += seen_error(s, region, rgb, s->caustics) / pictures[by];
+        error += seen_error(s, region, rgb, s->caustics) / images[by];
     }
-    printf("%-12s %3u a pixel, %.2g rays: relMSE %.4g\n", seen_names[by], equal_time[by], (double)rays / pictures[by],
+    printf("%-12s %3u a pixel, %.2g rays: relMSE %.4g\n", seen_names[by], equal_time[by], (double)rays / images[by],
            error);
     mem_free(rgb);
     return error;
@@ -59,7 +59,7 @@ static void compare(const char *scene, const char *sky, double path_times, doubl
 
 /* A sun of 1000 times the sky's mean, as the paper's, sends a hundredth of the light and makes as much of the caustics;
  * the rest is the sky's, which all three find. What sets them apart are the few paths that meet the sun by accident,
- * and how few of these there are in a picture. Over long times the path tracer has 5 to 9 times the
+ * and how few of these there are in an image. Over long times the path tracer has 5 to 9 times the
  * light tracer's relMSE, Metropolis sampling 2 to 8 times; the bounds are what holds without any such path. */
 static void a_sun_of_a_thousand_favours_the_light_tracer(void **state)
 {

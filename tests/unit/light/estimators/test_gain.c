@@ -64,7 +64,7 @@ static struct scene *nothing_to_see(void)
     return s;
 }
 
-/* Packets as a picture has them: normals that are near each other. */
+/* Packets as an image has them: normals that are near each other. */
 static struct gbuffer packets_of_neighbours(enum lobe_kind kind, float diffuse, float specular, float gloss)
 {
     struct gbuffer g = points_make(PACKETS, kind, diffuse, specular, gloss);

@@ -1,4 +1,4 @@
-/* Caustics and interreflection whose radiance is known in closed form. Replicates are seeds; a test fails where the
+/* Caustics and indirect light whose radiance is known in closed form. Replicates are seeds; a test fails where the
  * mean over them is further than 4.5 of its standard errors from the closed form, or that error is above 0.15 % of it
  * (0.2 % for slab and sphere): so a bias of 1 % is 6.7 (5) errors away, and caught in 98 (69) of 100 cases, by each of
  * several comparisons. Chance fails one of them in 3000 or fewer, the seeds being few; these are fixed. */
@@ -19,7 +19,7 @@ static void compare(const char *what, const struct tally *t, double want, double
     assert_true(error <= least_error * want);
 }
 
-/* A mirror upright at x = 0 beside a floor; the sun stands over +X at 45 degrees, the picture shows the floor about
+/* A mirror upright at x = 0 beside a floor; the sun stands over +X at 45 degrees, the image shows the floor about
  * x = 0.5, which the mirror lights from heights about 0.5. */
 static struct stage mirror_and_floor(float mirror_low_y, float mirror_high_y, float mirror_low_z)
 {
@@ -143,7 +143,7 @@ static double through_slab(const double w[3], const void *user)
     return c > 0.0 ? c * (1.0 - f) * (1.0 - f) * a / (1.0 - f * f * a * a) : 0.0;
 }
 
-/* A thin slab floats where the sun's rays to the picture's patch of floor pass through it; the camera looks past it.
+/* A thin slab floats where the sun's rays to the image's patch of floor pass through it; the camera looks past it.
  * What is trapped in the slab leaves by its narrow sides, and misses the patch. The error is below 0.2 %, by the ten
  * seeds of each commit 0.36 %: 0.9 % too much or too little is found, or 1.6 %. */
 static void a_slab_of_glass_dims_the_sun_as_fresnel_says(void **state)
@@ -176,7 +176,7 @@ static void a_slab_of_glass_dims_the_sun_as_fresnel_says(void **state)
 
 /* The inside of a sphere with its cap cut off at 45 degrees, of radius 1: from any place each square metre of the wall
  * is seen under the same form factor 1 / (4 pi), so that interreflected irradiance is the same everywhere. With Phi
- * what comes in through the opening, rho the albedo and A the wall: E = rho Phi / (4 pi - rho A). The picture's
+ * what comes in through the opening, rho the albedo and A the wall: E = rho Phi / (4 pi - rho A). The image's
  * standard error is at most 0.23 %, in each commit, by half of the particles, 0.33 %. */
 static double into_opening(const double w[3], const void *user)
 {

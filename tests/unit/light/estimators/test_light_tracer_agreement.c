@@ -1,11 +1,11 @@
 /* The light tracer against paths from the eye, written here as plainly as can be: each event is sampled by its own
  * lobe and what escapes is multiplied by the sky, without any light sampling. Both count a class of paths, under an
  * overcast sky, on scenes whose shading normals are far from the geometric ones. Replicates are seeds, and fixed. The
- * picture's mean and its quarters fail beyond 3.5 joint standard errors (4 in each commit). Light that grazes a facet
- * carries |wi.n_s| / |wi.n_g| without limit, so that the variance of interreflection is that of rare large splats, and
- * its error another at other seeds: 0.3 to 0.55 % of the picture's mean by three sets of them. By 24 seeds (`./test
+ * image's mean and its quarters fail beyond 3.5 joint standard errors (4 in each commit). Light that grazes a facet
+ * carries |wi.n_s| / |wi.n_g| without limit, so that the variance of indirect light is that of rare large splats, and
+ * its error another at other seeds: 0.3 to 0.55 % of the image's mean by three sets of them. By 24 seeds (`./test
  * --long`) it must be below 0.9 %, that of caustics below 0.28 %: a bias of 1.2 % in caustics and of 4 % in
- * interreflection is caught in 4 of 5 at the least; by the 8 seeds of each commit, of half as many paths, one of 3.2 %
+ * indirect light is caught in 4 of 5 at the least; by the 8 seeds of each commit, of half as many paths, one of 3.2 %
  * and of 11 %. Scenes whose normals are those of their facets are held to 1 % in light/frame/test_estimators.c. */
 #include "light/estimators/tracing.h"
 
@@ -14,9 +14,9 @@
 
 #include <omp.h>
 
-#define BLOCKS 4 /* of the picture: its quarters */
+#define BLOCKS 4 /* of the image: its quarters */
 
-struct seen { /* by class: 0 caustics, 1 interreflection; the mean of three colours */
+struct seen { /* by class: 0 caustics, 1 indirect light; the mean of three colours */
     double sum[2][BLOCKS];
 };
 
@@ -147,7 +147,7 @@ static void compare_sides(const struct stage *s, const struct environment *e, ui
         light_look(t, s, e, 1, 3 * particles / 2 / part, (uint64_t)k, &light[k]);
     }
     for (int class = 0; class < 2; class ++)
-        for (int block = 0; block <= BLOCKS; block++) { /* the last is the whole picture */
+        for (int block = 0; block <= BLOCKS; block++) { /* the last is the whole image */
             struct tally a = { 0 }, b = { 0 };
             for (int k = 0; k < seeds; k++) {
                 double x = 0.0, y = 0.0;

@@ -281,7 +281,7 @@ static bool faces_away(const struct environment *e, const struct vec3 n, uint32_
     return fabsf(n.y) <= 0.1f && mu[face] == 0.0;
 }
 
-/* Points of a view evenly from all over the picture, as matte ones, `packets` full packets of them where there are as
+/* Points of a view evenly from all over the image, as matte ones, `packets` full packets of them where there are as
  * many: all that there are, or those that are upright and face away from the sun. */
 static struct gbuffer take_points(const struct view *v, uint32_t packets, bool away)
 {
@@ -399,7 +399,7 @@ static void print_closed_form(const struct gbuffer *part, double *ratio)
     environment_destroy(e);
 }
 
-/* A point of the picture at which 180 samples by sixths are just as good as 60 by shares: picked by some seeds,
+/* A point of the image at which 180 samples by sixths are just as good as 60 by shares: picked by some seeds,
  * measured by others. The ratio of the two variances, whose standard error is about 10 %. */
 static double find_the_papers_point(const struct view *v)
 {
@@ -422,7 +422,7 @@ static double find_the_papers_point(const struct view *v)
     const struct vec3 n = normal_of(one.packets, (int)l);
     const struct figure f = closed_form(e, n, false, 60), u = closed_form(e, n, true, 180);
     printf(
-        "60 by shares are at least as good as 180 by sixths at %u of %u points from all over the picture; equal at one "
+        "60 by shares are at least as good as 180 by sixths at %u of %u points from all over the image; equal at one "
         "with normal %.2f %.2f %.2f: variances %.3e and %.3e, %.0f and %.0f effective\n",
         more, (uint32_t)part.point_count, (double)n.x, (double)n.y, (double)n.z, a, b, f.rays, u.rays);
     points_free(&part);
@@ -494,7 +494,7 @@ struct camera_work {
     float reference[3 * PIXELS];
 };
 
-/* The mean of `count` pictures by `mis`. */
+/* The mean of `count` images by `mis`. */
 static void take(struct camera_work *c, uint32_t samples, uint64_t first, uint32_t count, float *rgb)
 {
     static float one[3 * PIXELS];
@@ -520,13 +520,13 @@ static double delta_e(struct camera_work *c, const float *rgb)
 
 /* Fig. 3: mean delta E of `mis` over samples per pixel; reference: 12 seeds of 960 samples, whose own error adds 4 % to
  * the last figure (5 seeds in each commit: 10 %, a slope of 0.02). Independent samples fall with slope -1/2: so do here
- * means of pictures of 15 samples under seeds of their own. The samples of one picture are a net and fall faster. */
+ * means of images of 15 samples under seeds of their own. The samples of one image are a net and fall faster. */
 static void figure_3_on_the_dragon(void **state)
 {
-    static const uint32_t counts[] = { 15, 60, 240, 960 }, seeds[] = { 8, 6, 4, 2 }, pictures[] = { 1, 4, 16 };
+    static const uint32_t counts[] = { 15, 60, 240, 960 }, seeds[] = { 8, 6, 4, 2 }, images[] = { 1, 4, 16 };
     static struct camera_work c;
     static float rgb[3 * PIXELS];
-    double by_samples[4], by_pictures[3];
+    double by_samples[4], by_images[3];
     (void)state;
     c.v = view_load(WIDTH, HEIGHT, SKY);
     c.d = direct_create(best_kernels());
@@ -542,15 +542,15 @@ static void figure_3_on_the_dragon(void **state)
         printf("%u samples: delta E %.3f\n", counts[k], by_samples[k]);
     }
     for (int k = 0; k < 3; k++) {
-        by_pictures[k] = 0.0;
+        by_images[k] = 0.0;
         for (uint32_t s = 0; s < 4; s++) {
-            take(&c, 15, 100 + 20 * s, pictures[k], rgb);
-            by_pictures[k] += delta_e(&c, rgb) / 4;
+            take(&c, 15, 100 + 20 * s, images[k], rgb);
+            by_images[k] += delta_e(&c, rgb) / 4;
         }
-        printf("%u pictures of 15 samples: delta E %.3f\n", pictures[k], by_pictures[k]);
+        printf("%u images of 15 samples: delta E %.3f\n", images[k], by_images[k]);
     }
-    const double net = slope_of(counts, by_samples, 4), independent = slope_of(pictures, by_pictures, 3);
-    printf("slope %.3f over the samples of a picture, %.3f over independent pictures\n", net, independent);
+    const double net = slope_of(counts, by_samples, 4), independent = slope_of(images, by_images, 3);
+    printf("slope %.3f over the samples of an image, %.3f over independent images\n", net, independent);
     assert_true(by_samples[2] <= 1.0);
     assert_true(net < -0.4);
     assert_true(independent > -0.6 && independent < -0.4);

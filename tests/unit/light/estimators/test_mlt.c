@@ -7,17 +7,17 @@
 enum { WIDTH = 24, HEIGHT = 18, SIZE = WIDTH * HEIGHT * 3 };
 
 /* An overcast sky with a patch of that brightness, 11 by 11 degrees. */
-static struct environment *patchy_sky(float bright)
+static struct environment *patchy_sky(float sun)
 {
     struct frame f = sky_overcast(64, 32);
 
     for (uint32_t y = 8; y < 10; y++)
         for (uint32_t x = 20; x < 22; x++)
-            sky_paint(&f, x, y, bright, 0.8f * bright, 0.6f * bright);
+            sky_paint(&f, x, y, sun, 0.8f * sun, 0.6f * sun);
     return sky_environment(f, 32, 0.0);
 }
 
-static void make(struct world *w, float bright)
+static void make(struct world *w, float sun)
 {
     static const float plate[4][3] = {
         { -0.2f, 0.01f, 1.0f }, { 0.8f, 0.01f, 1.6f }, { 0.7f, 0.6f, 1.2f }, { -0.3f, 0.6f, 0.6f }
@@ -26,14 +26,14 @@ static void make(struct world *w, float bright)
     const struct material glossy = { .kind = MATERIAL_GGX, .diffuse = { 0.5f, 0.4f, 0.3f }, .roughness = 0.01f };
 
     add_quads(s, add_stuff(s, glossy), plate, 1);
-    world_make(w, s, &corner_camera, WIDTH, HEIGHT, patchy_sky(bright));
+    world_make(w, s, &corner_camera, WIDTH, HEIGHT, patchy_sky(sun));
 }
 
 /* 12 blocks for each of four classes and for all together, over SEEDS seeds each; |z| < 6 (t, some 40 degrees of
- * freedom: by chance 2e-5 in all). For the picture's mean |z| < 5 where `limit` is asserted of its relative standard
+ * freedom: by chance 2e-5 in all). For the image's mean |z| < 5 where `limit` is asserted of its relative standard
  * error: a bias of 7 times that is caught 97 times of 100, so 2.5 % of direct light and of all together, 6 % of the
  * others, most of whose error is the normalisation's. */
-static void compare(uint32_t classes, float bright, uint32_t samples, double limit)
+static void compare(uint32_t classes, float sun, uint32_t samples, double limit)
 {
     enum { SEEDS = 24 };
     static float rgb[SIZE];
@@ -41,7 +41,7 @@ static void compare(uint32_t classes, float bright, uint32_t samples, double lim
                   mlt_mean = path_mean;
     struct world w;
 
-    make(&w, bright);
+    make(&w, sun);
     for (uint64_t seed = 0; seed < SEEDS; seed++) {
         struct path_desc d = { .classes = classes, .samples = samples, .seed = seed };
         struct path_stats stats;

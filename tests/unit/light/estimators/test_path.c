@@ -20,7 +20,7 @@ static void render(const struct world *w, uint32_t classes, uint32_t samples, ui
 /* Matte surfaces of albedo 1, mirrors of 1 and glass keep all light: under a sky of 1 everything is 1, whatever stands
  * where. 12 blocks over 32 seeds in `./test --long`, |z| < 6: by chance below 1e-4 in all (t, 31 degrees of freedom).
  * The standard error of each is asserted below 0.15 %, so that a bias of 1 % stands at 6.6 of them; over 8 seeds, as
- * each commit has them, below 0.3 %, and a bias of 2 % does; of the whole picture's mean it is some 0.03 %, |z| < 6
+ * each commit has them, below 0.3 %, and a bias of 2 % does; of the whole image's mean it is some 0.03 %, |z| < 6
  * there too. */
 static void a_white_furnace_is_white(void **state)
 {
@@ -49,8 +49,8 @@ static void a_white_furnace_is_white(void **state)
     world_finish(&w);
 }
 
-/* Every light path belongs to one class: with the same seed the classes' pictures add up to that of all. A sharp
- * glossy plate (both D and S) stands in the picture, and each class has something to show. */
+/* Every light path belongs to one class: with the same seed the classes' images add up to that of all. A sharp
+ * glossy plate (both D and S) stands in the image, and each class has something to show. */
 static void classes_add_up_to_all(void **state)
 {
     enum { WIDTH = 32, HEIGHT = 24, SIZE = WIDTH * HEIGHT * 3 };
@@ -81,7 +81,7 @@ static void classes_add_up_to_all(void **state)
     world_finish(&w);
 }
 
-/* Mean and standard error over the seeds of the middle of a picture that looks at one place. */
+/* Mean and standard error over the seeds of the middle of an image that looks at one place. */
 static double look_at_place(const struct world *w, uint32_t classes, double *error)
 {
     const uint32_t seeds = seeds_count(24, 64);
@@ -203,7 +203,7 @@ static void a_pixel_is_the_mean_over_its_square(void **state)
 {
     enum { N = 4 };
     static const struct camera ahead = { "ahead", { 0, 0, 0 }, { 0, 0, -1 }, { 0, 1, 0 }, 0.92729522f }; /* tan = 1/2 */
-    /* at distance 4 the picture is 4 m, a pixel 1 m; column 1 begins at -1, row 2 ends at -1 */
+    /* at distance 4 the image is 4 m, a pixel 1 m; column 1 begins at -1, row 2 ends at -1 */
     static const float card[1][4][3] = {
         { { -0.75f, -9, -4 }, { 9, -9, -4 }, { 9, -0.75f, -4 }, { -0.75f, -0.75f, -4 } }
     };
@@ -271,7 +271,7 @@ static void resolve_direct(const struct gbuffer *g, const float *lo, float *rgb)
 
 /* The class of direct light on the built-in scene, against direct_shade through a G-buffer of one camera ray per
  * pixel, which path_sample takes too. 6 x 4 blocks, |z| < 6 (t, some 40 degrees of freedom: by chance 1e-5 in all),
- * and |z| < 5 of the picture's mean, whose standard error is asserted below 0.12 % by 24 seeds (`./test --long`), so
+ * and |z| < 5 of the image's mean, whose standard error is asserted below 0.12 % by 24 seeds (`./test --long`), so
  * that a bias of 1 % is caught 99 times of 100; by the 8 of each commit below 0.21 %, and a bias of 1.7 % is. */
 static void compare_direct(struct frame sky)
 {

@@ -186,7 +186,7 @@ static void visibility_darkens_and_is_counted(void **state)
     static const uint32_t t[] = { 0, 2, 1, 0, 3, 2, 4, 5, 6, 4, 6, 7 };
     struct lit x = lit_create(scene_of(p, 8, t, 4, vec3_make(0, 3, 6), vec3_make(0, 0, 1)), 32, 32);
     struct direct *d = direct_create(best_kernels());
-    double dark = 0.0, bright = 0.0;
+    double dark = 0.0, sun = 0.0;
     struct direct_desc desc = { .method = METHOD_MIS, .samples = 32 };
     assert_int_equal(direct_shade(d, x.gbuffer, x.rays, e, &desc, x.lo, &with), ERR_OK);
     for (size_t k = 0; k < (size_t)x.gbuffer->packet_count * 3 * PACKET; k++)
@@ -194,8 +194,8 @@ static void visibility_darkens_and_is_counted(void **state)
     desc.no_visibility = true;
     assert_int_equal(direct_shade(d, x.gbuffer, x.rays, e, &desc, x.lo, &without), ERR_OK);
     for (size_t k = 0; k < (size_t)x.gbuffer->packet_count * 3 * PACKET; k++)
-        bright += x.lo[k];
-    assert_true(dark < 0.95 * bright);
+        sun += x.lo[k];
+    assert_true(dark < 0.95 * sun);
     assert_int_equal(without.rays, 0);
     assert_true(with.rays >= with.effective && with.rays <= with.effective + with.lobes);
     assert_int_equal(with.effective, without.effective);

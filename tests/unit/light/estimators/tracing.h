@@ -1,4 +1,4 @@
-/* What the tests of the light tracer share: scenes of a few shapes, a picture made by some seeds, and integrals over a
+/* What the tests of the light tracer share: scenes of a few shapes, an image made by some seeds, and integrals over a
  * sky. */
 #pragma once
 
@@ -134,7 +134,7 @@ static inline double tally_error(const struct tally *t)
     return sqrt(fmax(0.0, t->squares / t->count - mean * mean) / (t->count - 1.0));
 }
 
-/* Light traced by `seeds` seeds: one tally a pixel (the mean of its three colours), and one of the picture's mean. */
+/* Light traced by `seeds` seeds: one tally a pixel (the mean of its three colours), and one of the image's mean. */
 static inline struct tally stage_trace(const struct stage *s, const struct environment *e,
                                        struct light_tracer_desc desc, uint32_t seeds, struct tally pixels[PICTURE_MAX])
 {

@@ -1,4 +1,4 @@
-/* Small scenes under small skies for those who follow paths, and sums over blocks of their pictures: the replicates are
+/* Small scenes under small skies for those who follow paths, and sums over blocks of their images: the replicates are
  * seeds. */
 #pragma once
 
@@ -71,15 +71,15 @@ static inline struct scene *corner_scene(float albedo, float reflectance)
     return s;
 }
 
-/* Means over blocks of a picture, and how they vary from seed to seed. */
+/* Means over blocks of an image, and how they vary from seed to seed. */
 #define BLOCKS_MAX 64
 struct blocks {
-    uint32_t across, down; /* of the picture */
+    uint32_t across, down; /* of the image */
     uint32_t seeds;
     double sum[BLOCKS_MAX], squares[BLOCKS_MAX];
 };
 
-/* Adds one seed's picture: luminance, masked where mask (may be NULL) is 0. */
+/* Adds one seed's image: luminance, masked where mask (may be NULL) is 0. */
 static inline void blocks_add(struct blocks *b, const float *rgb, const uint8_t *mask, uint32_t width, uint32_t height)
 {
     double sum[BLOCKS_MAX] = { 0 }, count[BLOCKS_MAX] = { 0 };
@@ -130,7 +130,7 @@ static inline double blocks_worst(const char *what, const struct blocks *a, cons
     return worst;
 }
 
-/* Mean over the picture and its error, relative. */
+/* Mean over the image and its error, relative. */
 static inline double blocks_precision(const struct blocks *b)
 {
     double mean = 0.0, square = 0.0;

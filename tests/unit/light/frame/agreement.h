@@ -1,16 +1,16 @@
 /* What the tests that hold estimators to each other share: a scene before a camera under a sky, an estimator run by
  * many seeds, and the comparison of two.
  *
- * Points of a picture share light samples, so that its pixels are correlated: the replicates are seeds. What is
- * compared is the mean luminance over the pixels that count, and over those in each ninth of the picture. Two
+ * Points of an image share light samples, so that its pixels are correlated: the replicates are seeds. What is
+ * compared is the mean luminance over the pixels that count, and over those in each ninth of the image. Two
  * estimators differ where their means over the seeds do by more than limit() joint standard errors, or in a ninth by
- * more than limit_ninth(). By chance that happens to the whole picture once in 20 000 comparisons of SEEDS_ALL seeds
+ * more than limit_ninth(). By chance that happens to the whole image once in 20 000 comparisons of SEEDS_ALL seeds
  * where both errors are equal and once in 6000 where one is nothing (Student's t of 46 and of 23 degrees of freedom),
  * of SEEDS_FEW once in 5100 and in 640. A ninth holds few points, so that its sums are further from normal: among
  * 5000 of them 4.5 errors have been seen once. There are some 180 comparisons, and the seeds are fixed: what passes
  * once will pass again. AGREEMENT_SEED draws others.
  *
- * Power: of each comparison the joint error over the whole picture of SEEDS_ALL seeds is asserted, as a share of it:
+ * Power: of each comparison the joint error over the whole image of SEEDS_ALL seeds is asserted, as a share of it:
  * WORST_ERROR, or what the comparison says. A bias of five times that is caught in 7 of 10 if the error is as large as
  * is allowed, and where it is two thirds of it, as the counts were chosen, in 998 of 1000. So WORST_ERROR is a bias of
  * 1 %. Each commit draws SEEDS_FEW with a quarter of the samples each, whose errors are 3.46 times as large: it catches
@@ -40,7 +40,7 @@
 #endif
 
 #define WORST_ERROR 2e-3
-#define REGIONS 10 /* the whole picture, then its ninths */
+#define REGIONS 10 /* the whole image, then its ninths */
 
 enum { SEEDS_FEW = 8, SEEDS_ALL = 24, PIXELS_MAX = 64 * 36, SEQUENCED = 2 + 2 * PATH_PLACES_EVENT };
 
@@ -65,7 +65,7 @@ enum who {
     BY_PATH,   /* path.h, all over the pixels */
     BY_LIGHT,  /* light_tracer.h, likewise */
     BY_MLT,    /* mlt.h, likewise */
-    BY_STORED, /* caustic_store.h, and light_tracer.h for the sky's bright part, likewise */
+    BY_STORED, /* caustic_store.h, and light_tracer.h for the sky's sun, likewise */
 };
 
 struct technique {
@@ -75,12 +75,12 @@ struct technique {
     uint32_t count;            /* samples a pixel or point; BY_LIGHT: particles, BY_STORED: paths and particles */
     struct direct_desc direct; /* method and options */
     enum start_kind start;
-    double worst;   /* joint error that is allowed to the comparison with it, of the whole picture; 0: WORST_ERROR */
-    double allowed; /* of its mean, to each ninth, beyond chance; a tenth of that to the whole picture */
+    double worst;   /* joint error that is allowed to the comparison with it, of the whole image; 0: WORST_ERROR */
+    double allowed; /* of its mean, to each ninth, beyond chance; a tenth of that to the whole image */
 };
 
 struct estimate {
-    double mean[REGIONS], error[REGIONS]; /* luminance; the whole picture's is the sum of its ninths */
+    double mean[REGIONS], error[REGIONS]; /* luminance; the whole image's is the sum of its ninths */
 };
 
 static inline uint64_t stream_of(uint64_t stream, const char *name)
@@ -130,7 +130,7 @@ static inline void world_close_look(struct world *w)
     gbuffer_destroy(w->gbuffer);
 }
 
-/* A picture of that size, of which every pixel counts. */
+/* An image of that size, of which every pixel counts. */
 static inline void world_look(struct world *w, uint32_t width, uint32_t height)
 {
     const struct camera *camera = scene_camera(w->scene, NULL);
@@ -416,7 +416,7 @@ static inline void take_stored(const struct world *w, const struct technique *t,
     assert_int_equal(caustic_store_turn(store, 0, NULL, NULL), ERR_OK);
     assert_int_equal(caustic_store_light(store, w->environment, sky.level, rgb), ERR_OK);
     const struct light_tracer_desc light = {
-        .classes = t->classes, .particles = t->count, .seed = seed, .start = t->start, .bright = &sky
+        .classes = t->classes, .particles = t->count, .seed = seed, .start = t->start, .sun = &sky
     };
     assert_int_equal(light_tracer_run(w->light, w->environment, &light, rgb, &stats), ERR_OK);
     caustic_store_destroy(store);

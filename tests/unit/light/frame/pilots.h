@@ -21,7 +21,7 @@ static inline double price_list(const struct pilot_work *w)
 
 static struct relighter *pilot_relighter; /* of the one pilot there is */
 
-static inline struct pilot *pilot_of(const struct set *set)
+static inline struct pilot *pilot_of(const struct prepared_scene *set)
 {
     const struct pilot_desc desc = { .price = price_list };
     const struct kernels *k;
@@ -41,7 +41,7 @@ static inline void pilot_end(struct pilot *p)
     relighter_destroy(pilot_relighter);
 }
 
-/* The last of `frames` pictures under one sky. */
+/* The last of `frames` images under one sky. */
 static inline void fly(struct pilot *p, const struct environment *e, const struct relight_desc *light,
                        struct pilot_target target, int frames, float *rgb, struct relight_stats *stats,
                        struct pilot_stats *said)

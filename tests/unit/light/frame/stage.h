@@ -1,11 +1,11 @@
-/* What the tests of the relighter share: a set, its relighter, a sky, and a picture. */
+/* What the tests of the relighter share: a set, its relighter, a sky, and an image. */
 #pragma once
 
 #include "light/estimators/points.h"
 #include "support/sets.h"
 
 struct stage {
-    struct set *set;
+    struct prepared_scene *set;
     struct relighter *relighter;
     struct environment *sky;
     float *rgb; /* [pixels][3] */
@@ -13,7 +13,7 @@ struct stage {
 };
 
 /* sky: taken over. For stage_finish. */
-static inline struct stage stage_make(const struct set_desc *desc, struct frame sky)
+static inline struct stage stage_make(const struct prepared_scene_desc *desc, struct frame sky)
 {
     struct stage s = { .set = set_of(desc), .sky = sky_environment(sky, 64, 0.0) };
 
@@ -31,7 +31,7 @@ static inline void stage_finish(struct stage *s)
     mem_free(s->rgb);
 }
 
-/* One picture into s->rgb. */
+/* One image into s->rgb. */
 static inline enum err stage_run(struct stage *s, const struct relight_desc *light, struct relight_stats *stats)
 {
     struct relight_desc desc = *light;

@@ -1,4 +1,4 @@
-/* light/audit/audit.h against pictures whose error is known: t is a formula, and e has noise of a known variance. */
+/* light/audit/audit.h against images whose error is known: t is a formula, and e has noise of a known variance. */
 #include "base/rng.h"
 #include "light/audit/audit.h"
 #include "light/audit/purse.h"
@@ -11,9 +11,9 @@
 #define PIXELS (WIDTH * HEIGHT)
 
 struct world {
-    float picture[PIXELS][3], half[2][PIXELS][3];
+    float image[PIXELS][3], half[2][PIXELS][3];
     double noise; /* relative standard deviation of a path */
-    double error; /* relMSE of the picture, exactly */
+    double error; /* relMSE of the image, exactly */
 };
 
 static double truth(uint32_t pixel, int c)
@@ -43,14 +43,14 @@ static double error_against_truth(const struct world *w)
 
     for (uint32_t i = 0; i < PIXELS; i++)
         for (int c = 0; c < 3; c++)
-            mean += (double)w->picture[i][c] / (3.0 * PIXELS);
+            mean += (double)w->image[i][c] / (3.0 * PIXELS);
     for (uint32_t i = 0; i < PIXELS; i++)
         for (int c = 0; c < 3; c++)
-            sum += pow((double)w->picture[i][c] - truth(i, c), 2.0) / (pow(truth(i, c), 2.0) + 1e-2 * mean * mean);
+            sum += pow((double)w->image[i][c] - truth(i, c), 2.0) / (pow(truth(i, c), 2.0) + 1e-2 * mean * mean);
     return sum / (3.0 * PIXELS);
 }
 
-/* A picture whose pixels are off by `bias` of the truth, and by `more` of it in pixel `one`. */
+/* An image whose pixels are off by `bias` of the truth, and by `more` of it in pixel `one`. */
 static struct world *make(double noise, double bias, double more, uint32_t one)
 {
     struct world *w = mem_alloc(1, sizeof(*w));
@@ -60,8 +60,8 @@ static struct world *make(double noise, double bias, double more, uint32_t one)
     for (uint32_t i = 0; i < PIXELS; i++)
         for (int c = 0; c < 3; c++) {
             const double off = (i % 2 ? bias : -bias) + (i == one ? more : 0.0);
-            w->picture[i][c] = (float)(truth(i, c) * (1.0 + off));
-            w->half[0][i][c] = w->half[1][i][c] = i == one ? (float)truth(i, c) : w->picture[i][c];
+            w->image[i][c] = (float)(truth(i, c) * (1.0 + off));
+            w->half[0][i][c] = w->half[1][i][c] = i == one ? (float)truth(i, c) : w->image[i][c];
         }
     w->error = error_against_truth(w);
     return w;
@@ -79,7 +79,7 @@ static struct audit_result run(struct audit *a, struct world *w, uint64_t seed, 
     };
     struct audit_result out;
 
-    audit_picture(a, &desc, w->picture[0], &out);
+    audit_image(a, &desc, w->image[0], &out);
     return out;
 }
 
@@ -120,7 +120,7 @@ static void the_mean_over_seeds_is_the_error(void **state)
     mem_free(w);
 }
 
-/* Without noise: a picture with the bias states it, one without states nothing above 0. */
+/* Without noise: an image with the bias states it, one without states nothing above 0. */
 static void a_planted_bias_is_found(void **state)
 {
     struct world *biased = make(0.5, 0.2, 0.0, 0), *right = make(0.5, 0.0, 0.0, 0);
@@ -169,7 +169,7 @@ static void errors_where_nothing_shows_are_found(void **state)
     (void)state;
     for (uint32_t i = PIXELS / 2; i < PIXELS; i++)
         for (int c = 0; c < 3; c++)
-            w->picture[i][c] = 1.5f;
+            w->image[i][c] = 1.5f;
     w->error = error_against_truth(w);
     for (uint64_t k = 0; k < 20; k++) {
         struct audit *a = audit_create(WIDTH, HEIGHT);
@@ -182,7 +182,7 @@ static void errors_where_nothing_shows_are_found(void **state)
     mem_free(w);
 }
 
-/* What was traced for one picture judges the next one of the same truth, without a ray; of another truth it does not.
+/* What was traced for one image judges the next one of the same truth, without a ray; of another truth it does not.
  */
 static void answers_are_kept_under_one_key(void **state)
 {
@@ -221,7 +221,7 @@ static void the_seed_decides_the_bits(void **state)
     mem_free(w);
 }
 
-/* Of a bright pixel among dark ones, not of its neighbours, an unfiltered picture's error is expected: 400 draws find
+/* Of a bright pixel among dark ones, not of its neighbours, an unfiltered image's error is expected: 400 draws find
  * nearly all of it in one pixel. */
 static void a_lonely_pixel_is_drawn_often(void **state)
 {
@@ -237,7 +237,7 @@ static void a_lonely_pixel_is_drawn_often(void **state)
     mem_free(w);
 }
 
-/* The picture is off by a half and its estimates are noisy: weights from them as they are would come out too large,
+/* The image is off by a half and its estimates are noisy: weights from them as they are would come out too large,
  * by a fifth. */
 static void noisy_estimates_do_not_raise_the_error(void **state)
 {
@@ -252,9 +252,9 @@ static void noisy_estimates_do_not_raise_the_error(void **state)
     mem_free(w);
 }
 
-/* Answers to a picture bound the error of the next one of another truth if it is alike, by their share, and say nothing
+/* Answers to an image bound the error of the next one of another truth if it is alike, by their share, and say nothing
  * if it is not. */
-static void answers_to_an_alike_picture_bound_the_next(void **state)
+static void answers_to_an_alike_image_bound_the_next(void **state)
 {
     struct world *w = make(0.5, 0.2, 0.0, 0);
     struct audit *a = audit_create(WIDTH, HEIGHT);
@@ -266,7 +266,7 @@ static void answers_to_an_alike_picture_bound_the_next(void **state)
     for (uint64_t k = 0; k < 4; k++, desc.rays = 0) {
         desc.key = k;
         desc.like_last = k == 3 ? 0.0 : 0.5;
-        audit_picture(a, &desc, w->picture[0], &out[k]);
+        audit_image(a, &desc, w->image[0], &out[k]);
     }
     assert_true(out[0].states > 0.0 && !out[0].older);
     for (int k = 1; k < 3; k++) {
@@ -292,18 +292,18 @@ static void bounds_allow_for_what_was_not_met(void **state)
     (void)state;
     assert_non_null(a);
     hidden.hidden = 3.0;
-    audit_picture(a, &desc, w->picture[0], &out);
+    audit_image(a, &desc, w->image[0], &out);
     assert_true(out.states == 0.0 && out.deviation < 0.1 * out.error);
     assert_true(fabs(out.at_most / (out.error * (1.0 + 2.0 * sqrt(300.0 / out.pixels))) - 1.0) < 1e-6);
     hidden.key = 2;
-    audit_picture(a, &hidden, w->picture[0], &out);
+    audit_image(a, &hidden, w->image[0], &out);
     assert_true(fabs(out.at_most / (out.error * (1.0 + 2.0 * 3.0)) - 1.0) < 1e-6);
     audit_destroy(a);
     mem_free(w);
 }
 
 /* The numbers of purse.h by hand. */
-static void live_pictures_save_rays_up(void **state)
+static void live_images_save_rays_up(void **state)
 {
     struct environment e = { .energy = { 1.0, 2.0, 3.0, 2.0, 1.0, 1.0 }, .total_energy = 10.0 };
     struct purse p = { .rays = 0.0 };
@@ -328,7 +328,7 @@ static void live_pictures_save_rays_up(void **state)
     assert_true(purse_like_last(&p, &e, 8) == 0.0); /* another sky */
 }
 
-/* Under pictures of any cost, and rays that take 0.3 to 10 microseconds, audits take their share of the processor time:
+/* Under images of any cost, and rays that take 0.3 to 10 microseconds, audits take their share of the processor time:
  * never more, once the first one has told what a ray takes, and in the end hardly less. */
 static void audits_keep_to_their_share_of_the_processor_time(void **state)
 {
@@ -337,10 +337,10 @@ static void audits_keep_to_their_share_of_the_processor_time(void **state)
 
     for (int k = 0; k < 6; k++) {
         struct purse p = { .rays = 0.0 };
-        const double ray_s = (k % 3 == 0 ? 0.3e-6 : k % 3 == 1 ? 2e-6 : 10e-6), picture_s = k < 3 ? 0.03 : 0.5;
+        const double ray_s = (k % 3 == 0 ? 0.3e-6 : k % 3 == 1 ? 2e-6 : 10e-6), image_s = k < 3 ? 0.03 : 0.5;
         double used_s = 5.0, spent_s = 0.0;
         for (int i = 0; i < 6000; i++) {
-            used_s += picture_s * (0.5 + rng_next(&r));
+            used_s += image_s * (0.5 + rng_next(&r));
             const uint64_t rays = purse_limit(&p, 0.02, used_s, purse_pay(&p, true, i > 2000, 2e5 * rng_next(&r)));
             const double took_s = (double)rays * ray_s;
             spent_s += took_s;
@@ -348,7 +348,7 @@ static void audits_keep_to_their_share_of_the_processor_time(void **state)
             purse_spend(&p, true, rays, took_s);
             assert_true(spent_s <= 0.02 * (used_s - 5.0) + (used_s < 15.0 ? 0.2 : 1e-9));
         }
-        print_message("%.1f us a ray, %.2f s a picture: %.4f of the time\n", 1e6 * ray_s, picture_s,
+        print_message("%.1f us a ray, %.2f s an image: %.4f of the time\n", 1e6 * ray_s, image_s,
                       spent_s / (used_s - 5.0));
         assert_true(spent_s > 0.019 * (used_s - 5.0));
     }
@@ -356,7 +356,7 @@ static void audits_keep_to_their_share_of_the_processor_time(void **state)
 
 enum { WIDE = 48, HIGH = 27, VALUES = 3 * WIDE * HIGH, TRUTH = 96, SEEDS = 3 };
 
-/* The relMSE of a picture against a truth that was computed twice. */
+/* The relMSE of an image against a truth that was computed twice. */
 static double error_of(const float *x, float *const half[2])
 {
     double mean = 0.0, sum = 0.0;
@@ -385,12 +385,12 @@ static void make_truth(struct stage *s, uint32_t classes, float *const half[2])
     }
 }
 
-/* The court under clouds, with few samples and denoised: relighter_run's statistics state what the pictures' difference
+/* The court under clouds, with few samples and denoised: relighter_run's statistics state what the images' difference
  * from the truth by other estimators is. */
-static void pictures_state_their_error(void **state)
+static void images_state_their_error(void **state)
 {
     static const uint32_t classes = PATH_DIRECT | PATH_INDIRECT_LIT | PATH_BACKGROUND;
-    struct stage s = stage_make(&(struct set_desc){ .width = WIDE, .height = HIGH }, sky_overcast(64, 32));
+    struct stage s = stage_make(&(struct prepared_scene_desc){ .width = WIDE, .height = HIGH }, sky_overcast(64, 32));
     float *half[2] = { mem_alloc(VALUES, sizeof(float)), mem_alloc(VALUES, sizeof(float)) };
     (void)state;
 
@@ -410,7 +410,7 @@ static void pictures_state_their_error(void **state)
             is += error_of(s.rgb, half);
             says += stats.error;
         }
-        print_message("%s: %d pictures in all state %.2e, are %.2e\n", denoise ? "denoised" : "noisy", SEEDS, says, is);
+        print_message("%s: %d images in all state %.2e, are %.2e\n", denoise ? "denoised" : "noisy", SEEDS, says, is);
         assert_true(says >= 0.75 * is && says <= 1.33 * is);
     }
     mem_free(half[0]);
@@ -418,7 +418,7 @@ static void pictures_state_their_error(void **state)
     stage_finish(&s);
 }
 
-/* On a ground, and by the cache, pictures state upper bounds: those of paths through the pixels, and of paths from the
+/* On a ground, and by the cache, images state upper bounds: those of paths through the pixels, and of paths from the
  * points. */
 static void others_state_bounds_that_hold(void **state)
 {
@@ -426,8 +426,8 @@ static void others_state_bounds_that_hold(void **state)
     (void)state;
 
     for (int ground = 0; ground < 2; ground++) {
-        struct stage s =
-            stage_make(&(struct set_desc){ .width = WIDE, .height = HIGH, .ground = ground }, sky_overcast(64, 32));
+        struct stage s = stage_make(&(struct prepared_scene_desc){ .width = WIDE, .height = HIGH, .ground = ground },
+                                    sky_overcast(64, 32));
         float *half[2] = { mem_alloc(VALUES, sizeof(float)), mem_alloc(VALUES, sizeof(float)) };
         struct relight_desc light = {
             .direct = { .method = ground ? METHOD_MIS : METHOD_CACHED, .samples = 8, .seed = 3 },
@@ -450,7 +450,7 @@ static void others_state_bounds_that_hold(void **state)
 /* By the cache: an error that 1/300 of the pixels have, where few were judged, and three times what many have found. */
 static void bounds_by_the_cache_allow_for_what_was_not_met(void **state)
 {
-    struct stage s = stage_make(&(struct set_desc){ .width = WIDE, .height = HIGH }, sky_overcast(64, 32));
+    struct stage s = stage_make(&(struct prepared_scene_desc){ .width = WIDE, .height = HIGH }, sky_overcast(64, 32));
     struct relight_desc light = {
         .direct = { .method = METHOD_CACHED, .samples = 8 }, .classes = PATH_DIRECT, .audit = 1e-9, .audit_live = true
     };
@@ -483,11 +483,11 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_seed_decides_the_bits),
     cmocka_unit_test(a_lonely_pixel_is_drawn_often),
     cmocka_unit_test(noisy_estimates_do_not_raise_the_error),
-    cmocka_unit_test(answers_to_an_alike_picture_bound_the_next),
+    cmocka_unit_test(answers_to_an_alike_image_bound_the_next),
     cmocka_unit_test(bounds_allow_for_what_was_not_met),
-    cmocka_unit_test(live_pictures_save_rays_up),
+    cmocka_unit_test(live_images_save_rays_up),
     cmocka_unit_test(audits_keep_to_their_share_of_the_processor_time),
-    cmocka_unit_test(pictures_state_their_error),
+    cmocka_unit_test(images_state_their_error),
     cmocka_unit_test(others_state_bounds_that_hold),
     cmocka_unit_test(bounds_by_the_cache_allow_for_what_was_not_met),
 };

@@ -1,14 +1,14 @@
-/* Caustics of live pictures (light/frame/beside.h): they wait for nothing, are the light that other pictures have,
- * improve from picture to picture, and follow the sky. RING: docs/examples. */
+/* Caustics of live images (light/frame/beside.h): they wait for nothing, are the light that other images have,
+ * improve from image to image, and follow the sky. RING: docs/examples. */
 #include "light/frame/relight_passes.h"
 #include "light/frame/stage.h"
 #include "measure/compare/metrics.h"
 
-enum { WIDTH = 48, HEIGHT = 27, VALUES = 3 * WIDTH * HEIGHT, PICTURES = 12 };
+enum { WIDTH = 48, HEIGHT = 27, VALUES = 3 * WIDTH * HEIGHT, IMAGES = 12 };
 
 static struct stage ring(struct frame sky)
 {
-    return stage_make(&(struct set_desc){ .scene = RING, .width = WIDTH, .height = HEIGHT }, sky);
+    return stage_make(&(struct prepared_scene_desc){ .scene = RING, .width = WIDTH, .height = HEIGHT }, sky);
 }
 
 static void run(struct stage *s, const struct relight_desc *light, struct relight_stats *stats)
@@ -34,7 +34,7 @@ static void under(struct stage *s, struct frame sky)
     s->sky = sky_environment(sky, 64, 0.0);
 }
 
-/* The mean of many pictures that are not live. */
+/* The mean of many images that are not live. */
 static void converge(struct stage *s, const struct relight_desc *live, float mean[VALUES])
 {
     enum { PASSES = 16 };
@@ -70,7 +70,7 @@ static double error_of(const struct stage *s, const float want[VALUES])
     return m.rel_mse;
 }
 
-static void the_store_grows_while_pictures_are_made(void **state)
+static void the_store_grows_while_images_are_made(void **state)
 {
     struct stage s = ring(sky_with_sun(64, 32, 2e3f)), cloud = ring(sky_overcast(64, 32));
     struct relight_desc light = caustics;
@@ -78,7 +78,7 @@ static void the_store_grows_while_pictures_are_made(void **state)
     uint32_t before = 0;
     (void)state;
 
-    light.stored_paths = 20000000; /* more than a picture has time for */
+    light.stored_paths = 20000000; /* more than an image has time for */
     for (light.turn = 0; light.turn < 3; light.turn++) {
         run(&s, &light, &stats);
         assert_int_equal(stats.plan.caustics, PLAN_STORED);
@@ -86,7 +86,7 @@ static void the_store_grows_while_pictures_are_made(void **state)
         assert_true(light.turn > 0 || stats.stored.filled == 2);
         before = stats.stored.filled;
     }
-    run(&cloud, &light, &stats); /* eye paths, until pictures have the cache and the store */
+    run(&cloud, &light, &stats); /* eye paths, until images have the cache and the store */
     assert_int_equal(stats.plan.caustics, PLAN_EYE);
     assert_true(stats.stored.filled == 0);
     light.turn++;
@@ -96,7 +96,7 @@ static void the_store_grows_while_pictures_are_made(void **state)
     stage_finish(&cloud);
 }
 
-static void they_are_the_light_of_other_pictures(void **state)
+static void they_are_the_light_of_other_images(void **state)
 {
     static const enum plan_estimator by[] = { PLAN_STORED, PLAN_LIGHT };
     float want[VALUES];
@@ -109,7 +109,7 @@ static void they_are_the_light_of_other_pictures(void **state)
         if (k % 2 == 0) /* for both estimators of this sky */
             converge(&s, &light, want);
         light.caustics = by[k % 2];
-        for (light.turn = 0; light.turn < PICTURES; light.turn++)
+        for (light.turn = 0; light.turn < IMAGES; light.turn++)
             run(&s, &light, &stats);
         printf("%s, %s: %+.2f %%, relMSE %.1e\n", k / 2 ? "sun" : "cloud", plan_estimator_name(by[k % 2]),
                100.0 * (brightness(s.rgb) / brightness(want) - 1.0), error_of(&s, want));
@@ -127,7 +127,7 @@ static struct frame sun_at(uint32_t x)
     return f;
 }
 
-static void pictures_learn_and_forget(void **state)
+static void images_learn_and_forget(void **state)
 {
     struct stage s = ring(sun_at(20)), other = ring(sun_at(40));
     struct relight_desc light = caustics;
@@ -141,7 +141,7 @@ static void pictures_learn_and_forget(void **state)
     converge(&s, &light, want);
     run(&s, &light, &stats);
     first = error_of(&s, want);
-    for (int k = 0; k < PICTURES; k++)
+    for (int k = 0; k < IMAGES; k++)
         run(&s, &light, &stats);
     last = error_of(&s, want);
     converge(&other, &light, want);
@@ -158,7 +158,7 @@ static void pictures_learn_and_forget(void **state)
 }
 
 /* Under cloud, eye paths find caustics until the store has grown. Then it takes over, and they must not count twice:
- * the light that the points' history keeps has none. Caustics are 5 % of this picture's light. */
+ * the light that the points' history keeps has none. Caustics are 5 % of this image's light. */
 static void another_estimator_takes_over(void **state)
 {
     struct stage s = ring(sky_overcast(64, 32));
@@ -169,8 +169,8 @@ static void another_estimator_takes_over(void **state)
 
     light.classes = PATH_ALL;
     converge(&s, &light, want);
-    for (light.turn = 0; light.turn < PICTURES; light.turn++) {
-        light.caustics = light.turn < PICTURES / 2 ? PLAN_EYE : PLAN_STORED;
+    for (light.turn = 0; light.turn < IMAGES; light.turn++) {
+        light.caustics = light.turn < IMAGES / 2 ? PLAN_EYE : PLAN_STORED;
         run(&s, &light, &stats);
         printf("%s: %+.2f %%, relMSE %.1e\n", plan_estimator_name(stats.plan.caustics),
                100.0 * (brightness(s.rgb) / brightness(want) - 1.0), error_of(&s, want));
@@ -179,13 +179,13 @@ static void another_estimator_takes_over(void **state)
     stage_finish(&s);
 }
 
-/* A path that meets a sun behind glass is a speck: in live pictures it has a limit, and interreflection behind glass
+/* A path that meets a sun behind glass is a speck: in live images it has a limit, and indirect light behind glass
  * joins the history of the points. */
 static void paths_behind_glass_have_a_limit(void **state)
 {
     struct stage s = ring(sun_at(20));
     struct relight_desc light = caustics;
-    struct picture_passes passes;
+    struct image_passes passes;
     struct relight_stats stats;
     (void)state;
 
@@ -203,9 +203,9 @@ static void paths_behind_glass_have_a_limit(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(the_store_grows_while_pictures_are_made),
-    cmocka_unit_test(they_are_the_light_of_other_pictures),
-    cmocka_unit_test(pictures_learn_and_forget),
+    cmocka_unit_test(the_store_grows_while_images_are_made),
+    cmocka_unit_test(they_are_the_light_of_other_images),
+    cmocka_unit_test(images_learn_and_forget),
     cmocka_unit_test(another_estimator_takes_over),
     cmocka_unit_test(paths_behind_glass_have_a_limit),
 };

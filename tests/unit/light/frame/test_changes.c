@@ -19,12 +19,13 @@ static uint32_t pixels_with(const struct changes *c, uint8_t bit)
     return count;
 }
 
-/* The first picture is new everywhere. The same sky again changes nothing, though sampling computes all light again; a
+/* The first image is new everywhere. The same sky again changes nothing, though sampling computes all light again; a
  * pixel painted by hand is found alone, whichever of its channels differs, by the last bit. */
 static void a_changed_pixel_is_found_alone(void **state)
 {
     const struct relight_desc light = { .direct = { .method = METHOD_MIS, .samples = 4 } };
-    struct stage s = stage_make(&(struct set_desc){ .width = WIDTH, .height = HEIGHT }, sky_with_sun(64, 32, 2e3f));
+    struct stage s =
+        stage_make(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT }, sky_with_sun(64, 32, 2e3f));
     struct changes c = { .before = NULL };
     struct relight_stats stats;
     uint32_t lit = 0;
@@ -35,7 +36,7 @@ static void a_changed_pixel_is_found_alone(void **state)
     run(&s, &light, &c, &stats);
     for (uint32_t k = 0; k < PIXELS; k++)
         lit += s.set->gbuffer->entry_first[k + 1] > s.set->gbuffer->entry_first[k];
-    assert_true(c.changed == 0 && c.sky == lit && lit > 0 && c.bright == 0 && c.box[1] == 0);
+    assert_true(c.changed == 0 && c.sky == lit && lit > 0 && c.sun == 0 && c.box[1] == 0);
     for (uint32_t channel = 0; channel < 3; channel++) {
         const uint32_t at = 5 * WIDTH + 9 + channel;
         uint8_t painted[PIXELS * 3];
@@ -54,11 +55,12 @@ static void a_changed_pixel_is_found_alone(void **state)
     stage_finish(&s);
 }
 
-/* A cached picture of the same sky takes over nearly all; what changed was computed, or looks at the sky itself. */
+/* A cached image of the same sky takes over nearly all; what changed was computed, or looks at the sky itself. */
 static void what_a_cache_takes_over_is_not_computed(void **state)
 {
     const struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 64 } };
-    struct stage s = stage_make(&(struct set_desc){ .width = WIDTH, .height = HEIGHT }, sky_with_sun(64, 32, 2e3f));
+    struct stage s =
+        stage_make(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT }, sky_with_sun(64, 32, 2e3f));
     struct environment *others = sky_environment(sky_with_sun(64, 32, 3e3f), 64, 0.0), *first = s.sky;
     struct changes c = { .before = NULL };
     struct relight_stats stats;
@@ -66,13 +68,13 @@ static void what_a_cache_takes_over_is_not_computed(void **state)
 
     for (int k = 0; k < 3; k++)
         run(&s, &light, &c, &stats);
-    assert_true(c.changed == 0 && c.bright == 0 && c.sky < PIXELS / 2);
+    assert_true(c.changed == 0 && c.sun == 0 && c.sky < PIXELS / 2);
     s.sky = others; /* another sun */
     run(&s, &light, &c, &stats);
-    assert_true(c.changed > PIXELS / 10 && c.bright > PIXELS / 2);
+    assert_true(c.changed > PIXELS / 10 && c.sun > PIXELS / 2);
     for (uint32_t k = 0; k < PIXELS; k++)
-        if (s.set->gbuffer->escape_first[k] == s.set->gbuffer->escape_first[k + 1])
-            assert_true(!(c.map[k] & CHANGE_RADIANCE) || c.map[k] & (CHANGE_SKY | CHANGE_BRIGHT));
+        if (s.set->gbuffer->miss_first[k] == s.set->gbuffer->miss_first[k + 1])
+            assert_true(!(c.map[k] & CHANGE_RADIANCE) || c.map[k] & (CHANGE_SKY | CHANGE_SUN));
     s.sky = first;
     environment_destroy(others);
     changes_finish(&c);

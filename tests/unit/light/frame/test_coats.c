@@ -5,7 +5,7 @@
 #include "light/frame/agreement.h"
 
 #include "light/cache_direct/transports.h"
-#include "light/cache_indirect/bounce.h"
+#include "light/cache_indirect/indirect.h"
 #include "light/estimators/courts.h"
 #include "scene/geometry/sheen.h"
 #include "scene/surface/lobe.h"
@@ -135,7 +135,7 @@ static void assert_caches_agree(struct material floor)
     struct lit x = lit_create(court(floor), WIDTH, HEIGHT);
     struct environment *e = sky();
     struct transport *t = transport_of(x.gbuffer, x.rays, &(struct transport_desc){ .per_cell = 1 });
-    const struct bounce_desc desc = { .scene = x.scene,
+    const struct indirect_desc desc = { .scene = x.scene,
                                       .rays = x.rays,
                                       .gbuffer = x.gbuffer,
                                       .direct = t,
@@ -145,20 +145,20 @@ static void assert_caches_agree(struct material floor)
                            indirect = { "path", BY_PATH, PATH_INDIRECT_LIT, .count = 512 };
     const double want = measure(&w, &direct).mean[0], want_later = measure(&w, &indirect).mean[0];
     struct transport_frame_stats stats;
-    struct bounce *b;
+    struct indirect_cache *b;
     struct reason why;
 
     clear(&x);
     assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .samples = 64 }, x.lo, &stats), ERR_OK);
     const double got = mean_of_pixels(&x);
-    assert_int_equal(bounce_create(&desc, best_kernels(), &b, &why), ERR_OK);
+    assert_int_equal(indirect_create(&desc, best_kernels(), &b, &why), ERR_OK);
     clear(&x);
-    bounce_shade_part(b, e, 1.0f, NULL, x.lo);
+    indirect_shade_part(b, e, 1.0f, NULL, x.lo);
     const double got_later = mean_of_pixels(&x);
     printf("transport %.5f, want %.5f; bounce %.5f, want %.5f\n", got, want, got_later, want_later);
     assert_true(fabs(got / want - 1.0) < 0.02);
     assert_true(fabs(got_later / want_later - 1.0) < 0.03);
-    bounce_destroy(b);
+    indirect_destroy(b);
     transport_destroy(t);
     environment_destroy(e);
     lit_destroy(&x);
@@ -420,7 +420,7 @@ static void the_camera_sees_both_layers(void **state)
     for (int smooth = 0; smooth < 2; smooth++) {
         struct lit x = lit_create(court(coated(0, 0.5f, 0.5f, smooth ? 0.0f : 0.3f)), WIDTH, HEIGHT);
         const struct gbuffer *g = x.gbuffer;
-        double base = 0.0, coat = 0.0, escaped = 0.0;
+        double base = 0.0, coat = 0.0, missed = 0.0;
 
         for (uint32_t i = 0; i < g->entry_first[WIDTH * HEIGHT]; i++) {
             const struct gbuffer_entry *e = &g->entries[i];
@@ -430,12 +430,12 @@ static void the_camera_sees_both_layers(void **state)
             assert_true(p->layer[l] == LAYER_BASE || (p->diffuse[0][l] == 0.0f && p->specular[0][l] == COAT_F0 &&
                                                       fabsf(p->gloss[l] - 0.09f) < 1e-6f));
         }
-        for (uint32_t i = 0; i < g->escape_first[WIDTH * HEIGHT]; i++)
-            escaped += (double)g->escapes[i].weight[0];
+        for (uint32_t i = 0; i < g->miss_first[WIDTH * HEIGHT]; i++)
+            missed += (double)g->misses[i].weight[0];
         /* nearly square on: 0.04 of the light, of half of the surface */
         assert_float_equal(base / (WIDTH * HEIGHT), 1.0 - 0.5 * 0.04 * 1.027, 1e-3);
         assert_float_equal(coat / (WIDTH * HEIGHT), smooth ? 0.0 : 0.5, 1e-3);
-        assert_float_equal(escaped / (WIDTH * HEIGHT), smooth ? 0.5 * 0.04 : 0.0, 1e-3);
+        assert_float_equal(missed / (WIDTH * HEIGHT), smooth ? 0.5 * 0.04 : 0.0, 1e-3);
         lit_destroy(&x);
     }
 }

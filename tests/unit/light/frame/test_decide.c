@@ -1,5 +1,5 @@
 /* auto and the cache of light transport: what the relighter is told to do, and what becomes of the frames. */
-#include "light/denoise/history.h"
+#include "light/denoise/accumulation.h"
 #include "light/estimators/points.h"
 #include "light/frame/decide.h"
 #include "support/kept.h"
@@ -9,13 +9,13 @@
 
 enum { WIDTH = 24, HEIGHT = 14, VALUES = 3 * WIDTH * HEIGHT };
 
-static struct set *set;
+static struct prepared_scene *set;
 static struct environment *sky;
 static const struct relight_desc sampled = { .direct = { .method = METHOD_AUTO, .samples = 64 } };
 
 static int set_up(void **state)
 {
-    const struct set_desc desc = { .width = WIDTH, .height = HEIGHT };
+    const struct prepared_scene_desc desc = { .width = WIDTH, .height = HEIGHT };
     struct reason why;
     (void)state;
 
@@ -61,8 +61,8 @@ static void bias_is_allowed_and_wishes_are_kept_to(void **state)
     struct relight_desc light = sampled;
     (void)state;
 
-    assert_true(is_cached(BUY_BIAS, light));
-    assert_false(is_cached(0.99 * BUY_BIAS, light));
+    assert_true(is_cached(COST_BIAS, light));
+    assert_false(is_cached(0.99 * COST_BIAS, light));
     assert_false(is_cached(0.0, light));
     light.direct.method = METHOD_MIS;
     assert_false(is_cached(1.0, light));
@@ -80,8 +80,8 @@ static void bias_is_allowed_and_wishes_are_kept_to(void **state)
     assert_false(is_cached(1.0, light));
 }
 
-/* The picture is that of --method cached. */
-static void its_pictures_are_those_of_the_cache(void **state)
+/* The image is that of --method cached. */
+static void its_images_are_those_of_the_cache(void **state)
 {
     static float want[VALUES], got[VALUES];
     struct relight_desc light = sampled, cached = sampled;
@@ -164,7 +164,7 @@ static void gets_it_in_the_background(double error)
     request.background = true;
     for (; !d.cache.begun && steps < 100; steps++)
         decision = step(&d, r, error, &request);
-    assert_int_equal(steps, BUY_MADE); /* a second for the computation, and some frames to believe it */
+    assert_int_equal(steps, COST_MADE); /* a second for the computation, and some frames to believe it */
     assert_int_equal(decision.by, DECIDED_BY_MEASURES);
     for (steps = 0; decision.by != DECIDED_BY_CACHE && steps < 150000;
          steps++) { /* some minutes: a sanitizer may have it slow */
@@ -178,7 +178,7 @@ static void gets_it_in_the_background(double error)
         run(r, &decision.light, rgb, &stats);
         share = stats.cache_share;
         assert_true(share >= RELIGHT_COARSE && stats.cache_ms == 0.0 && stats.cache.bytes > 0);
-        assert_true(steps > 0 || error > BUY_BIAS_COARSE ? true : share == 1.0);
+        assert_true(steps > 0 || error > COST_BIAS_COARSE ? true : share == 1.0);
     }
     assert_true(share == 1.0);
     assert_int_equal(step(&d, r, error, &request).by, DECIDED_BY_CACHE);
@@ -193,12 +193,12 @@ static void a_stream_of_frames_gets_it_in_the_background(void **state)
 {
     (void)state;
     gets_it_in_the_background(1e-2);
-    gets_it_in_the_background(0.9 * BUY_BIAS_COARSE);
+    gets_it_in_the_background(0.9 * COST_BIAS_COARSE);
 }
 
-/* The first live picture takes few samples and waits for no audit, and the second follows it at once; then the cache
+/* The first live image takes few samples and waits for no audit, and the second follows it at once; then the cache
  * needs the processors. */
-static void first_pictures_hurry(void **state)
+static void first_images_hurry(void **state)
 {
     struct relight_desc light = sampled;
     const struct frame_request request = {
@@ -220,7 +220,8 @@ static void first_pictures_hurry(void **state)
     decide(&d, &request, &next);
     assert_true(next.light.denoise && next.light.direct.samples == 2 * first.light.direct.samples);
     assert_true(first.light.audit == 0.0 && next.light.audit == light.audit);
-    for (stats.glides = HISTORY_GLIDE; stats.glides-- > 0;) { /* its light is displayed step by step, at any rate */
+    for (stats.glides = ACCUMULATION_GLIDE;
+         stats.glides-- > 0;) { /* its light is displayed step by step, at any rate */
         decider_learn(&d, r, &request, &next, &stats, &(struct pilot_stats){ .seconds = 0.0 });
         assert_true(d.cache.ready || (stats.glides > 0) == (decider_interval_s(&d) == 0.0));
         decide(&d, &request, &next);
@@ -229,7 +230,7 @@ static void first_pictures_hurry(void **state)
     relighter_destroy(r);
 }
 
-/* What some earlier run has left is taken after the first frame; a better picture than it can make is not given up. */
+/* What some earlier run has left is taken after the first frame; a better image than it can make is not given up. */
 static void a_file_is_taken_after_one_frame(void **state)
 {
     struct frame_request known = in_time, strict = in_time, last = in_time;
@@ -264,7 +265,7 @@ static void a_file_is_taken_after_one_frame(void **state)
 }
 
 /* All of it, indirect light too: reading it takes less time than one image by other means. */
-static void a_kept_cache_makes_the_first_picture(void **state)
+static void a_kept_cache_makes_the_first_image(void **state)
 {
     struct relight_desc light = sampled, cached;
     const struct frame_request request = {
@@ -309,7 +310,7 @@ static void what_has_no_room_is_no_ones_error(void **state)
     light.cache_bytes = 1000;
     request.light = &light;
     request.frames_left = 1000;
-    for (uint32_t k = 0; k < BUY_MADE; k++)
+    for (uint32_t k = 0; k < COST_MADE; k++)
         assert_int_equal(step(&d, r, 1e-2, &request).by, DECIDED_BY_MEASURES);
     assert_true(d.cache.looked_for && d.cache.last.yes && d.cache.refused);
     assert_false(d.cache.begun || d.cache.ready);
@@ -320,10 +321,10 @@ static void what_has_no_room_is_no_ones_error(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(each_request_has_one_answer),
     cmocka_unit_test_setup_teardown(bias_is_allowed_and_wishes_are_kept_to, set_up, tear_down),
-    cmocka_unit_test_setup_teardown(its_pictures_are_those_of_the_cache, set_up, tear_down),
+    cmocka_unit_test_setup_teardown(its_images_are_those_of_the_cache, set_up, tear_down),
     cmocka_unit_test_setup_teardown(a_stream_of_frames_gets_it_in_the_background, set_up, tear_down),
-    cmocka_unit_test_setup_teardown(first_pictures_hurry, set_up, tear_down),
-    cmocka_unit_test_setup_teardown(a_kept_cache_makes_the_first_picture, set_up, tear_down),
+    cmocka_unit_test_setup_teardown(first_images_hurry, set_up, tear_down),
+    cmocka_unit_test_setup_teardown(a_kept_cache_makes_the_first_image, set_up, tear_down),
     cmocka_unit_test_setup_teardown(a_file_is_taken_after_one_frame, set_up, tear_down),
     cmocka_unit_test_setup_teardown(what_has_no_room_is_no_ones_error, set_up, tear_down),
 };

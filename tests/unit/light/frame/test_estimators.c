@@ -3,7 +3,7 @@
  * pixels' centres. The G-buffer has one ray a pixel: where it has more it merges what is near, which changes the light
  * a little. A pixel without a shade point counts too, as black.
  * In direct light a bias of 1 % is caught under all skies; uniform and brdf are held to it under overcast alone, as the
- * suns are beyond them, and so are eye paths' caustics. Of interreflection as much is said to be caught as 1.25 % on
+ * suns are beyond them, and so are eye paths' caustics. Of indirect light as much is said to be caught as 1.25 % on
  * plaza and ring, though at the errors that were measured it is 1 %; on the dragon, glossy, where single paths carry
  * much, it is 2 % without a sun and 7.5 % with one. */
 #include "light/frame/agreement.h"
@@ -74,7 +74,7 @@ static void assert_eye_agrees(struct world *w, const char *name, uint32_t class,
     assert_technique_agrees(w, &eye, &want);
 }
 
-struct budget { /* of interreflection */
+struct budget { /* of indirect light */
     uint32_t paths;
     double worst;
 };
@@ -89,7 +89,7 @@ static struct world points_agree(const char *scene, enum sky sky, struct budget 
     if (sky == OVERCAST)
         assert_smooth_agrees(&w, WORST_ERROR);
     world_look(&w, 32, 18);
-    assert_eye_agrees(&w, "interreflection, lit", PATH_INDIRECT_LIT, lit.paths, lit.worst);
+    assert_eye_agrees(&w, "indirect light, lit", PATH_INDIRECT_LIT, lit.paths, lit.worst);
     return w;
 }
 
@@ -130,7 +130,7 @@ static void ring_s_caustics_by_eye_agree_under_overcast(void **state)
     world_sky(&w, skies[OVERCAST]);
     world_look(&w, 32, 18);
     assert_eye_agrees(&w, "caustics", PATH_CAUSTICS, 256, 4.5e-3);
-    assert_eye_agrees(&w, "interreflection of caustics", PATH_INDIRECT_CAUSTIC, 128, 3e-2);
+    assert_eye_agrees(&w, "indirect light of caustics", PATH_INDIRECT_CAUSTIC, 128, 3e-2);
     world_finish(&w);
 }
 
@@ -179,7 +179,7 @@ static void built_in_scene_agrees_under_built_in_skies(void **state)
     assert_direct_agrees(&w, 2);
     world_sky(&w, "sky:hour=0");
     assert_smooth_agrees(&w, WORST_ERROR);
-    assert_eye_agrees(&w, "interreflection, lit", PATH_INDIRECT_LIT, 256, 5e-3);
+    assert_eye_agrees(&w, "indirect light, lit", PATH_INDIRECT_LIT, 256, 5e-3);
     world_finish(&w);
 }
 
@@ -201,7 +201,7 @@ static void built_in_scene_with_holes_agrees(void **state)
     }
     world_sky(&w, "sky:hour=0");
     assert_smooth_agrees(&w, 2.5e-3);
-    assert_eye_agrees(&w, "interreflection, lit", PATH_INDIRECT_LIT, 256, 5e-3);
+    assert_eye_agrees(&w, "indirect light, lit", PATH_INDIRECT_LIT, 256, 5e-3);
     world_finish(&w);
 }
 
@@ -223,7 +223,7 @@ static void assert_maps_agree(void (*give_maps)(struct world *))
     }
     world_sky(&w, "sky:hour=0");
     assert_smooth_agrees(&w, 4e-3);
-    assert_eye_agrees(&w, "interreflection, lit", PATH_INDIRECT_LIT, 256, 5e-3);
+    assert_eye_agrees(&w, "indirect light, lit", PATH_INDIRECT_LIT, 256, 5e-3);
     world_finish(&w);
 }
 
@@ -239,7 +239,7 @@ static void normal_maps_agree(void **state)
     assert_maps_agree(world_bend);
 }
 
-/* 1 % more or less by all seeds, 3.85 % by few, of direct light and of interreflection, at the largest error that
+/* 1 % more or less by all seeds, 3.85 % by few, of direct light and of indirect light, at the largest error that
  * passes. */
 static void planted_bias_of_one_percent_is_caught(void **state)
 {

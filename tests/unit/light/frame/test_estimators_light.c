@@ -1,5 +1,5 @@
 /* The light tracer and path.h agree in the mean, class by class, as agreement.h compares, on three scenes under three
- * skies: interreflection of light that comes directly, caustics, and interreflection of caustics. Both look at all of a
+ * skies: indirect light of light that comes directly, caustics, and indirect light of caustics. Both look at all of a
  * pixel; none is left out but those that a mirror or glass is seen in or next to, since what stands behind one is out
  * of the light tracer's reach. Where the ground is wide few particles end where they are seen, so it is cut. Under a
  * sun caustics are beyond path.h: there the ways in which light paths start, each with a density of its own, are
@@ -22,7 +22,7 @@ struct budget {
 static void assert_sides_agree(struct world *w, float reach, const struct budget *b)
 {
     const struct technique path = { "interreflection", BY_PATH, PATH_INDIRECT_LIT, .count = b->samples };
-    const struct technique light = { "interreflection, lit", BY_LIGHT, PATH_INDIRECT_LIT, .count = b->particles };
+    const struct technique light = { "indirect light, lit", BY_LIGHT, PATH_INDIRECT_LIT, .count = b->particles };
     struct estimate eye_sum = { { 0.0 }, { 0.0 } }, light_sum = { { 0.0 }, { 0.0 } };
 
     world_trim(w, reach);
@@ -128,7 +128,7 @@ static void ring_s_rare_caustics_agree_under_overcast(void **state)
 {
     (void)state;
     struct world w = ring_under(skies[0]);
-    const struct technique path = { "interreflection of caustics", BY_PATH, PATH_INDIRECT_CAUSTIC, .count = 512 };
+    const struct technique path = { "indirect light of caustics", BY_PATH, PATH_INDIRECT_CAUSTIC, .count = 512 };
     const struct technique caustics = { "caustics", BY_PATH, PATH_CAUSTICS, .count = 128 };
     const struct technique mutations = { "mlt", BY_MLT, PATH_CAUSTICS, .count = 96, .worst = 3e-2 };
     const struct estimate want = measure(&w, &caustics);
@@ -197,7 +197,7 @@ static void ring_s_stored_caustics_agree_at_noon(void **state)
     assert_stored_agrees(skies[2], (const uint32_t[2]){ 60000, 20000 }, (const double[2]){ 8e-3, 2.8e-2 });
 }
 
-/* Without data from outside. There is no mirror and no glass: interreflection alone. */
+/* Without data from outside. There is no mirror and no glass: indirect light alone. */
 static void assert_built_in_sides_agree(void (*before)(struct world *), void (*after)(struct world *))
 {
     const struct technique path = { "path", BY_PATH, PATH_INDIRECT_LIT, .count = 64 };

@@ -39,10 +39,10 @@ static void a_sun_makes_it_large(void **state)
     assert_true(peakedness_of(sky_with_sun(64, 32, 1e5f)) > 100.0);
 }
 
-static void the_built_in_court_is_what_its_picture_shows(void **state)
+static void the_built_in_court_is_what_its_image_shows(void **state)
 {
-    const struct set_desc desc = { .width = 64, .height = 36 };
-    struct set *s = NULL;
+    const struct prepared_scene_desc desc = { .width = 64, .height = 36 };
+    struct prepared_scene *s = NULL;
     struct plan_facts f;
     (void)state;
 
@@ -61,6 +61,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(an_even_sky_has_a_peakedness_of_one),
     cmocka_unit_test(a_sky_over_black_ground_has_two),
     cmocka_unit_test(a_sun_makes_it_large),
-    cmocka_unit_test(the_built_in_court_is_what_its_picture_shows),
+    cmocka_unit_test(the_built_in_court_is_what_its_image_shows),
 };
 UNIT_MAIN(tests)

@@ -16,7 +16,7 @@
 enum { WIDTH = 48, HEIGHT = 27, VALUES = 3 * WIDTH * HEIGHT };
 
 struct minute {
-    struct set *set;
+    struct prepared_scene *set;
     struct relighter *relighter, *reference;
     struct decider decider;
     struct relight_desc light;
@@ -48,7 +48,8 @@ static struct environment *sky_of(const char *source, uint64_t frame)
 
 static void begin(struct minute *m, const char *source)
 {
-    *m = (struct minute){ .set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT }), .source = source };
+    *m = (struct minute){ .set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT }),
+                          .source = source };
     m->relighter = relighter_create(m->set, best_kernels());
     m->reference = relighter_create(m->set, best_kernels());
     assert_true(m->relighter && m->reference);

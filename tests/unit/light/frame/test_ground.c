@@ -1,9 +1,9 @@
-/* The ground below the model: the picture there against closed forms, and estimators against each other.
+/* The ground below the model: the image there against closed forms, and estimators against each other.
  *
  * Under an even sky a black disc of radius r at height h covers, of a place at distance d from the point below its
  * middle, the fraction
  *     F = (1 - (d^2 + h^2 - r^2) / sqrt((d^2 + h^2 + r^2)^2 - 4 r^2 d^2)) / 2
- * of the cosine-weighted hemisphere [Siegel and Howell 1992, configuration 3 of appendix C], so that the picture there
+ * of the cosine-weighted hemisphere [Siegel and Howell 1992, configuration 3 of appendix C], so that the image there
  * is (1 - F) times the sky. */
 #include "light/estimators/courts.h"
 #include "light/estimators/points.h"
@@ -21,7 +21,7 @@ enum { WIDTH = 48, HEIGHT = 36, PIXELS = WIDTH * HEIGHT, SEEDS_FEW = 8, SEEDS_AL
 #define Z_MAX 4.5
 
 struct stand { /* a scene of its own before its camera */
-    struct set whole, *set;
+    struct prepared_scene whole, *set;
     struct environment *sky;
     struct relighter *relighter;
     float rgb[3 * PIXELS];
@@ -32,7 +32,9 @@ static struct stand *stand_on(struct scene *scene, bool ground, bool fine, struc
 {
     struct stand *s = mem_alloc(1, sizeof(*s));
     struct reason why = { "" };
-    const struct set_desc desc = { .width = WIDTH, .height = HEIGHT, .edge_rays = fine ? 8 : 1, .every_pixel = fine };
+    const struct prepared_scene_desc desc = {
+        .width = WIDTH, .height = HEIGHT, .edge_rays = fine ? 8 : 1, .every_pixel = fine
+    };
 
     omp_set_num_threads(1);
     assert_int_equal(scene_finish(scene, "test", &why), ERR_OK);
@@ -107,7 +109,7 @@ static struct scene *disc_scene(void)
     return s;
 }
 
-/* The picture at a place of the ground under a sky of 1. */
+/* The image at a place of the ground under a sky of 1. */
 static double below_disc(double x, double z, double height)
 {
     const double d2 = x * x + z * z, h2 = height * height, r2 = DISC_RADIUS * DISC_RADIUS;
@@ -116,7 +118,7 @@ static double below_disc(double x, double z, double height)
     return 1.0 - 0.5 * (1.0 - (d2 + h2 - r2) / root);
 }
 
-/* Means of picture and closed form over the pixels that are a point of the solid ground. */
+/* Means of image and closed form over the pixels that are a point of the solid ground. */
 static uint32_t compare(const struct stand *s, double *got, double *want, double *worst)
 {
     const struct gbuffer *g = s->set->gbuffer;
@@ -125,7 +127,7 @@ static uint32_t compare(const struct stand *s, double *got, double *want, double
 
     *got = *want = *worst = 0.0;
     for (uint32_t i = 0; i < PIXELS; i++) {
-        if (g->entry_first[i + 1] != g->entry_first[i] + 1 || g->escape_first[i + 1] != g->escape_first[i])
+        if (g->entry_first[i + 1] != g->entry_first[i] + 1 || g->miss_first[i + 1] != g->miss_first[i])
             continue;
         const uint32_t point = g->entries[g->entry_first[i]].point, lane = point % PACKET;
         const struct shade_packet *p = &g->packets[point / PACKET];
@@ -182,7 +184,7 @@ static void below_a_disc_it_is_the_closed_form_by_every_method(void **state)
     stand_destroy(s);
 }
 
-/* Under a sky with a sun, colours and a dim lower half the picture is the plain background where nothing throws a
+/* Under a sky with a sun, colours and a dim lower half the image is the plain background where nothing throws a
  * shadow: each pixel to 0.2 % by 16 samples, and the mean to 0.1 %. path and the cache have no such sums of what is
  * without shadows: 5 % by 4096, in each commit by 2048. */
 static void beside_nothing_it_is_the_background(void **state)
@@ -239,7 +241,7 @@ static void sum_thirds(const float *rgb, double out[4])
 }
 
 struct means {
-    struct tally thirds[4]; /* the first is the whole picture */
+    struct tally thirds[4]; /* the first is the whole image */
 };
 
 static struct means measure(struct stand *s, struct relight_desc light, uint64_t stream)
@@ -270,7 +272,7 @@ static void assert_same(const char *name, const struct means *a, const struct me
 }
 
 /* All light by path, mlt, eye paths, the light tracer, stored light paths and the cache, under an overcast sky. The
- * error of each third of the picture is at most 0.4 % of it: a bias of 1.8 % is found, by a quarter of the samples,
+ * error of each third of the image is at most 0.4 % of it: a bias of 1.8 % is found, by a quarter of the samples,
  * which each commit draws, one of 3.6 %. What arrives on the ground by mirror and glass is more than that: without it
  * the comparison fails, which is asserted. */
 static void all_light_agrees_by_every_estimator(void **state)
@@ -331,7 +333,7 @@ static double brightness(const float *rgb)
     return sum;
 }
 
-/* The squared difference of two pictures. */
+/* The squared difference of two images. */
 static double apart(const float *a, const float *b)
 {
     double sum = 0.0;
@@ -341,7 +343,7 @@ static double apart(const float *a, const float *b)
     return sum;
 }
 
-/* Live pictures carry caustics on the ground over from picture to picture: they are the light of other pictures, within
+/* Live images carry caustics on the ground over from image to image: they are the light of other images, within
  * 6 %, and change less and less: without a history, the eighth differs from the seventh as much as the second from the
  * first. */
 static void live_caustics_get_better(void **state)
@@ -376,8 +378,8 @@ static void live_caustics_get_better(void **state)
     stand_destroy(s);
 }
 
-/* Foreground and alpha over the background are the picture; the sky has alpha 0, the models 1. */
-static void a_split_picture_adds_up(void **state)
+/* Foreground and alpha over the background are the image; the sky has alpha 0, the models 1. */
+static void a_split_image_adds_up(void **state)
 {
     struct stand *s = stand_on(shop(), true, false, sky_with_sun(64, 32, 2e3f));
     const struct relight_desc light = { .direct = { .method = METHOD_MIS, .samples = 64 }, .classes = PATH_ALL };
@@ -483,7 +485,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(all_light_agrees_by_every_estimator),
     cmocka_unit_test(caustics_of_a_sun_agree),
     cmocka_unit_test(live_caustics_get_better),
-    cmocka_unit_test(a_split_picture_adds_up),
+    cmocka_unit_test(a_split_image_adds_up),
     cmocka_unit_test(a_sky_without_light_from_above_stays),
     cmocka_unit_test(what_cannot_stand_is_refused),
     cmocka_unit_test(a_framing_camera_steps_back),

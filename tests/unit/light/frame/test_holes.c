@@ -2,7 +2,7 @@
  *
  * A convex shell whose coverage is c everywhere, under an even sky of 1: from each place inside, a fraction f = 1 - c
  * of the directions sees the sky and c sees the shell, whatever its shape. So what falls on it at once is pi f, and
- * with interreflection pi f / (1 - a c). Radiance at once is a f, what comes by way of others a f a c / (1 - a c).
+ * with indirect light pi f / (1 - a c). Radiance at once is a f, what comes by way of others a f a c / (1 - a c).
  *
  * A card over a plane: below its middle it covers the fraction F of the cosine-weighted hemisphere, which is the form
  * factor of a rectangle [Siegel and Howell 1992, configuration 4 of appendix C], and a regular pattern of holes much
@@ -10,7 +10,7 @@
 #include "light/frame/agreement.h"
 
 #include "light/cache_direct/transports.h"
-#include "light/cache_indirect/bounce.h"
+#include "light/cache_indirect/indirect.h"
 #include "light/estimators/courts.h"
 
 enum { WIDTH = 24, HEIGHT = 18, SEEDS = 6 };
@@ -127,34 +127,34 @@ static void caches_in_a_shell_with_holes(void **state)
     struct lit x = lit_create(shell(), WIDTH, HEIGHT);
     struct environment *e = sky_environment(sky_constant(16, 8, 1.0f), 32, 0.0);
     struct transport *t = transport_of(x.gbuffer, x.rays, &(struct transport_desc){ .per_cell = 1 });
-    const struct bounce_desc desc = { .scene = x.scene,
+    const struct indirect_desc desc = { .scene = x.scene,
                                       .rays = x.rays,
                                       .gbuffer = x.gbuffer,
                                       .direct = t,
                                       .eye = x.scene->cameras[0].position,
                                       .records = 1500 };
     struct transport_frame_stats stats;
-    struct bounce *b;
+    struct indirect_cache *b;
     struct reason why;
 
     (void)state;
     assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .samples = 64 }, x.lo, &stats), ERR_OK);
     const double direct = mean_of_points(&x);
-    assert_int_equal(bounce_create(&desc, best_kernels(), &b, &why), ERR_OK);
+    assert_int_equal(indirect_create(&desc, best_kernels(), &b, &why), ERR_OK);
     clear(&x);
-    bounce_shade_part(b, e, 1.0f, NULL, x.lo);
+    indirect_shade_part(b, e, 1.0f, NULL, x.lo);
     const double indirect = mean_of_points(&x);
     printf("transport %.5f, want %.5f; bounce %.5f, want %.5f\n", direct, at_once(), indirect, by_way_of_others());
     assert_true(fabs(direct / at_once() - 1.0) < 5e-3);
     assert_true(fabs(indirect / by_way_of_others() - 1.0) < 0.015);
-    bounce_destroy(b);
+    indirect_destroy(b);
     transport_destroy(t);
     environment_destroy(e);
     lit_destroy(&x);
 }
 
 /* Whole pixels by path.h, mlt.h and the light tracer: of each, the shell is c. */
-static void whole_pictures_of_a_shell_with_holes(void **state)
+static void whole_images_of_a_shell_with_holes(void **state)
 {
     static const struct {
         struct technique technique;
@@ -243,7 +243,7 @@ static void light_below_a_perforated_card(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(direct_light_in_a_shell_with_holes), cmocka_unit_test(eye_paths_in_a_shell_with_holes),
-    cmocka_unit_test(caches_in_a_shell_with_holes),       cmocka_unit_test(whole_pictures_of_a_shell_with_holes),
+    cmocka_unit_test(caches_in_a_shell_with_holes),       cmocka_unit_test(whole_images_of_a_shell_with_holes),
     cmocka_unit_test(light_below_a_perforated_card),
 };
 UNIT_MAIN(tests)

@@ -17,7 +17,7 @@ static struct environment *make_sky(bool lean)
     return e;
 }
 
-static void take_picture(struct relighter *r, const struct environment *e, const struct relight_desc *light, float *rgb)
+static void take_image(struct relighter *r, const struct environment *e, const struct relight_desc *light, float *rgb)
 {
     struct relight_stats stats;
 
@@ -36,9 +36,9 @@ static void every_method_has_the_same_bits_under_a_lean_sky(void **state)
         { .direct = { .method = METHOD_CACHED, .samples = 8 }, .classes = PATH_ALL },
     };
     static float want[VALUES], got[VALUES];
-    const struct set_desc desc = { .width = WIDTH, .height = HEIGHT };
+    const struct prepared_scene_desc desc = { .width = WIDTH, .height = HEIGHT };
     struct environment *whole = make_sky(false);
-    struct set *set;
+    struct prepared_scene *set;
     (void)state;
 
     set = set_of(&desc);
@@ -46,8 +46,8 @@ static void every_method_has_the_same_bits_under_a_lean_sky(void **state)
         struct environment *lean = make_sky(true);
         struct relighter *r = relighter_create(set, best_kernels());
         assert_non_null(r);
-        take_picture(r, lean, &lights[k], got);
-        take_picture(r, whole, &lights[k], want);
+        take_image(r, lean, &lights[k], got);
+        take_image(r, whole, &lights[k], want);
         assert_memory_equal(got, want, sizeof(want));
         relighter_destroy(r);
         environment_destroy(lean);
@@ -60,15 +60,15 @@ static void the_cache_leaves_a_lean_sky_lean(void **state)
 {
     const struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 8 }, .classes = PATH_DIRECT };
     static float rgb[VALUES];
-    const struct set_desc desc = { .width = WIDTH, .height = HEIGHT };
+    const struct prepared_scene_desc desc = { .width = WIDTH, .height = HEIGHT };
     struct environment *lean = make_sky(true);
-    struct set *set;
+    struct prepared_scene *set;
     (void)state;
 
     set = set_of(&desc);
     struct relighter *r = relighter_create(set, best_kernels());
     assert_non_null(r);
-    take_picture(r, lean, &light, rgb);
+    take_image(r, lean, &light, rgb);
     assert_false(environment_is_complete(lean));
     relighter_destroy(r);
     environment_destroy(lean);

@@ -6,7 +6,7 @@
 #include "light/frame/agreement.h"
 
 #include "light/cache_direct/transports.h"
-#include "light/cache_indirect/bounce.h"
+#include "light/cache_indirect/indirect.h"
 #include "light/estimators/courts.h"
 #include "scene/surface/lobe.h"
 
@@ -99,7 +99,7 @@ static void caches_in_a_shell_that_transmits(void **state)
     struct lit x = lit_create(shell(leaf(MATERIAL_LAMBERT)), WIDTH, HEIGHT);
     struct environment *e = sky_environment(sky_constant(16, 8, 1.0f), 32, 0.0);
     struct transport *t = transport_of(x.gbuffer, x.rays, &(struct transport_desc){ .per_cell = 1 });
-    const struct bounce_desc desc = { .scene = x.scene,
+    const struct indirect_desc desc = { .scene = x.scene,
                                       .rays = x.rays,
                                       .gbuffer = x.gbuffer,
                                       .direct = t,
@@ -107,20 +107,20 @@ static void caches_in_a_shell_that_transmits(void **state)
                                       .records = 1500 };
     const double later = transmits * reflects / (1.0 - reflects);
     struct transport_frame_stats stats;
-    struct bounce *b;
+    struct indirect_cache *b;
     struct reason why;
 
     (void)state;
     assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .samples = 64 }, x.lo, &stats), ERR_OK);
     const double direct = mean_of_pixels(&x);
-    assert_int_equal(bounce_create(&desc, best_kernels(), &b, &why), ERR_OK);
+    assert_int_equal(indirect_create(&desc, best_kernels(), &b, &why), ERR_OK);
     clear(&x);
-    bounce_shade_part(b, e, 1.0f, NULL, x.lo);
+    indirect_shade_part(b, e, 1.0f, NULL, x.lo);
     const double indirect = mean_of_pixels(&x);
     printf("transport %.5f, want %.5f; bounce %.5f, want %.5f\n", direct, transmits, indirect, later);
     assert_true(fabs(direct / transmits - 1.0) < 5e-3);
     assert_true(fabs(indirect / later - 1.0) < 0.02);
-    bounce_destroy(b);
+    indirect_destroy(b);
     transport_destroy(t);
     environment_destroy(e);
     lit_destroy(&x);

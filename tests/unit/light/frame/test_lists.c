@@ -10,7 +10,7 @@
 enum { WIDTH = 48, HEIGHT = 27 };
 
 struct court {
-    struct set *set;
+    struct prepared_scene *set;
     struct environment *sky;
     struct direct *direct;
     size_t values;
@@ -22,7 +22,7 @@ struct court {
 /* Every third packet of the built-in court. */
 static struct court court_make(void)
 {
-    const struct set_desc desc = { .width = WIDTH, .height = HEIGHT };
+    const struct prepared_scene_desc desc = { .width = WIDTH, .height = HEIGHT };
     struct court c = { .sky = sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0),
                        .direct = direct_create(best_kernels()) };
 
@@ -136,7 +136,7 @@ static uint32_t *deal(const struct court *c)
     return counts;
 }
 
-static void packets_with_counts_of_their_own_have_the_bits_of_pictures_with_these(void **state)
+static void packets_with_counts_of_their_own_have_the_bits_of_images_with_these(void **state)
 {
     static const struct direct_desc descs[] = {
         { .method = METHOD_MIS },  { .method = METHOD_AUTO },    { .method = METHOD_FACES, .sun = true },
@@ -168,7 +168,7 @@ static void packets_with_counts_of_their_own_have_the_bits_of_pictures_with_thes
     court_finish(&c);
 }
 
-/* Cells draw as many samples as the packets ask for: no two runs have the same. The mean over the picture is held to
+/* Cells draw as many samples as the packets ask for: no two runs have the same. The mean over the image is held to
  * one of 512 samples, within 4 of its standard errors, about 4 % in all, from 16 seeds. */
 static void counts_of_their_own_leave_the_mean_where_it_is(void **state)
 {
@@ -241,7 +241,7 @@ static void eye_paths_follow_counts_too(void **state)
  * own for eye paths. */
 static void halves_are_passes_of_their_own(void **state)
 {
-    struct picture_passes whole = { .direct = { .seed = 7 } }, half[2];
+    struct image_passes whole = { .direct = { .seed = 7 } }, half[2];
     (void)state;
 
     for (uint64_t pass = 0; pass < 4; pass++) {
@@ -264,7 +264,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(listed_packets_have_the_bits_of_the_whole),
     cmocka_unit_test(kept_tables_give_the_bits_of_new_ones),
     cmocka_unit_test(listed_packets_alone_get_eye_paths),
-    cmocka_unit_test(packets_with_counts_of_their_own_have_the_bits_of_pictures_with_these),
+    cmocka_unit_test(packets_with_counts_of_their_own_have_the_bits_of_images_with_these),
     cmocka_unit_test(counts_of_their_own_leave_the_mean_where_it_is),
     cmocka_unit_test(eye_paths_follow_counts_too),
 };

@@ -10,13 +10,13 @@
 #include "light/estimators/points.h"
 #include "light/frame/pilot.h"
 #include "light/frame/relight.h"
-#include "light/frame/still.h"
-#include "light/inspector/probe_report.h"
+#include "light/frame/refine.h"
+#include "light/inspector/inspector_report.h"
 
 enum { WIDTH = 32, HEIGHT = 18 };
 
 struct stage {
-    struct set *set;
+    struct prepared_scene *set;
     struct environment *sky;
     struct relight_desc light;
     const char *scene;
@@ -29,9 +29,10 @@ static void stage_make(struct stage *s, uint32_t width, uint32_t height)
 
     memset(s, 0, sizeof(*s));
     s->scene = RING;
-    assert_int_equal(set_create(&(struct set_desc){ .scene = RING, .width = width, .height = height, .edge_rays = 2 },
-                                &s->set, &why),
-                     ERR_OK);
+    assert_int_equal(
+        set_create(&(struct prepared_scene_desc){ .scene = RING, .width = width, .height = height, .edge_rays = 2 },
+                   &s->set, &why),
+        ERR_OK);
     s->sky = sky_environment(sky_with_sun(32, 16, 2e3f), 16, 0.0);
     s->light.direct.samples = 4;
     s->light.eye_paths = 1;
@@ -47,8 +48,8 @@ static void stage_finish(struct stage *s)
 static enum err build(void *context, struct reason *why)
 {
     const struct stage *s = context;
-    struct set *set = NULL, *other = NULL;
-    const struct set_desc desc = { .scene = s->scene, .width = WIDTH, .height = HEIGHT, .edge_rays = 2 };
+    struct prepared_scene *set = NULL, *other = NULL;
+    const struct prepared_scene_desc desc = { .scene = s->scene, .width = WIDTH, .height = HEIGHT, .edge_rays = 2 };
     enum err e = set_create(&desc, &set, why);
 
     if (!e)
@@ -69,7 +70,7 @@ static void a_scene_is_prepared(void **state)
     nomem_each("a scene file", build, &s);
 }
 
-/* Two pictures, as what is kept from the first may fail in the second. */
+/* Two images, as what is kept from the first may fail in the second. */
 static enum err light_it(void *context, struct reason *why)
 {
     struct stage *s = context;
@@ -125,15 +126,15 @@ static void the_cache_lights_it(void **state)
 static enum err refine(void *context, struct reason *why)
 {
     struct stage *s = context;
-    struct still *still = still_create(s->set, best_kernels());
-    enum err e = still ? ERR_OK : ERR_NOMEM;
+    struct refiner *refiner = refiner_create(s->set, best_kernels());
+    enum err e = refiner ? ERR_OK : ERR_NOMEM;
 
     s->light.direct.why = why;
     if (!e)
-        still_begin(still, s->rgb);
+        refiner_begin(refiner, s->rgb);
     for (int k = 0; k < 2 && !e; k++)
-        e = still_pass(still, s->sky, &s->light);
-    still_destroy(still);
+        e = refiner_pass(refiner, s->sky, &s->light);
+    refiner_destroy(refiner);
     return e;
 }
 
@@ -155,7 +156,7 @@ static enum err steer(void *context, struct reason *why)
     return e;
 }
 
-static void pictures_are_steered_and_made_finer(void **state)
+static void images_are_steered_and_made_finer(void **state)
 {
     static struct stage s;
     (void)state;
@@ -187,7 +188,7 @@ static enum err encode(void *context, struct reason *why)
     return e;
 }
 
-static void pictures_are_encoded(void **state)
+static void images_are_encoded(void **state)
 {
     static struct stage s;
     (void)state;
@@ -198,9 +199,9 @@ static void pictures_are_encoded(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(a_scene_is_prepared),  cmocka_unit_test(every_live_method_lights_it),
-    cmocka_unit_test(the_cache_lights_it),  cmocka_unit_test(pictures_are_steered_and_made_finer),
-    cmocka_unit_test(pictures_are_encoded),
+    cmocka_unit_test(a_scene_is_prepared), cmocka_unit_test(every_live_method_lights_it),
+    cmocka_unit_test(the_cache_lights_it), cmocka_unit_test(images_are_steered_and_made_finer),
+    cmocka_unit_test(images_are_encoded),
 };
 
 int main(int argc, char **argv)

@@ -15,7 +15,7 @@ enum { SEEDS = 8, SIDE = 16 };
 
 #define Z_MAX 4.5
 
-/* A card that fills the picture, whose normals all lean by `tilt` towards +x. */
+/* A card that fills the image, whose normals all lean by `tilt` towards +x. */
 static struct scene *leaning(struct material m, double tilt)
 {
     static const float corners[4][3] = { { -1, -1, 0 }, { 1, -1, 0 }, { 1, 1, 0 }, { -1, 1, 0 } };

@@ -2,9 +2,9 @@
 #include "light/estimators/points.h"
 #include "light/frame/decide.h"
 #include "light/frame/layers.h"
-#include "light/frame/pilot_parts.h"
+#include "light/frame/pilot_internal.h"
 #include "light/frame/relight_builder.h"
-#include "light/frame/still.h"
+#include "light/frame/refine.h"
 #include "support/sets.h"
 
 static void assert_near(double got, double want, double allowed)
@@ -13,8 +13,8 @@ static void assert_near(double got, double want, double allowed)
         fail_msg("%.9g, want %.9g within %.2g", got, want, allowed);
 }
 
-/* Of 17 parts the first is coarse direct light, or the quick cache of interreflection, after which the second is coarse
- * direct light; the rest is what is fine, half of it interreflection where that is wanted. */
+/* Of 17 parts the first is coarse direct light, or the quick cache of indirect light, after which the second is coarse
+ * direct light; the rest is what is fine, half of it indirect light where that is wanted. */
 static void each_stage_has_its_share(void **state)
 {
     static const struct {
@@ -35,7 +35,7 @@ static void each_stage_has_its_share(void **state)
         assert_near(17.0 * relight_share(&cases[k].stages), cases[k].parts, 1e-9);
 }
 
-/* Pictures that differ by 30 in one pixel's green: luminance 0.7152 * 30, squared and divided by three times the 25
+/* Images that differ by 30 in one pixel's green: luminance 0.7152 * 30, squared and divided by three times the 25
  * pixels around, of which a corner has nine and the pixel beside an edge 20; beyond two pixels there is no error. */
 static void the_error_is_that_of_25_pixels(void **state)
 {
@@ -64,11 +64,11 @@ static void a_frames_time_is_without_its_trials(void **state)
     const struct relight_desc light = { .direct = { .method = METHOD_AUTO, .samples = 16 } };
     const struct frame_request request = { .light = &light, .target = { .seconds = 2.0 }, .frames_left = 1 };
     const struct decision decision = { .by = DECIDED_BY_MEASURES, .light = light };
-    const struct set_desc small = { .width = 8, .height = 8 };
+    const struct prepared_scene_desc small = { .width = 8, .height = 8 };
     struct relight_stats stats = { .shade_ms = 500.0, .direct = { .rays = 1000 } };
     struct pilot_stats measured = { .seconds = 2.0, .pilot_seconds = 0.5 };
     struct decider d = { .pilot = NULL };
-    struct set *set = set_of(&small);
+    struct prepared_scene *set = set_of(&small);
     struct relighter *r = relighter_create(set, best_kernels());
     (void)state;
 
@@ -88,32 +88,32 @@ static void a_frames_time_is_without_its_trials(void **state)
     set_destroy(set);
 }
 
-/* Passes of 8 x 8 pixels whose mean is m: a first picture that is off by less than their noise, m / 1000, is shown as
+/* Passes of 8 x 8 pixels whose mean is m: a first image that is off by less than their noise, m / 1000, is shown as
  * it is; one that is m itself differs by nothing and has no weight, and one that is far off has little. */
-static void a_first_picture_within_the_noise_is_shown(void **state)
+static void a_first_image_within_the_noise_is_shown(void **state)
 {
     enum { VALUES = 3 * 8 * 8 };
     const struct relight_desc light = { .direct = { .method = METHOD_MIS, .samples = 16 } };
-    const struct set_desc small = { .width = 8, .height = 8 };
+    const struct prepared_scene_desc small = { .width = 8, .height = 8 };
     struct environment *e = sky_environment(sky_with_sun(64, 32, 2e3f), 32, 0.0);
-    struct set *set = set_of(&small);
-    struct still *s = still_create(set, best_kernels());
+    struct prepared_scene *set = set_of(&small);
+    struct refiner *s = refiner_create(set, best_kernels());
     float first[VALUES] = { 0.0f }, m[VALUES] = { 0.0f }, got[VALUES];
-    struct still_stats stats;
+    struct refiner_stats stats;
     (void)state;
 
     for (int k = 0; k < 2; k++) {
         for (int i = 0; i < VALUES; i++)
             first[i] = k == 0 ? 1e9f : 1.001f * m[i];
-        still_begin(s, first);
+        refiner_begin(s, first);
         for (int pass = 0; pass < 3; pass++)
-            assert_int_equal(still_pass(s, e, &light), ERR_OK);
-        still_look(s, &(struct still_wish){ 0.0, 0 }, &stats);
-        still_picture(s, got);
+            assert_int_equal(refiner_pass(s, e, &light), ERR_OK);
+        refiner_look(s, &(struct refiner_wish){ 0.0, 0 }, &stats);
+        refiner_image(s, got);
         if (k == 0)
             for (int i = 0; i < VALUES; i++)
                 m[i] = got[i] - (float)stats.first * 1e9f;
-        printf("share of the first picture %.3g\n", stats.first);
+        printf("share of the first image %.3g\n", stats.first);
         if (k == 0)
             assert_true(stats.first < 1e-20);
         else
@@ -121,7 +121,7 @@ static void a_first_picture_within_the_noise_is_shown(void **state)
         for (int i = 0; i < VALUES && k == 1; i++)
             assert_near((double)got[i], (double)first[i], 1e-6 * (double)first[i]);
     }
-    still_destroy(s);
+    refiner_destroy(s);
     set_destroy(set);
     environment_destroy(e);
 }
@@ -139,7 +139,7 @@ static void each_light_tracer_has_its_count(void **state)
         p->offered[PILOT_AIMED + k] = true;
         p->n[PILOT_AIMED + k] = k ? 5.0 : 3.0;
     }
-    struct picture_passes passes = pilot_passes(p, 9);
+    struct image_passes passes = pilot_passes(p, 9);
     assert_int_equal(passes.light[0].particles, 3 * 2048);
     assert_int_equal(passes.light[1].particles, 5 * 2048);
     assert_int_equal(passes.light[1].pass, 9);
@@ -182,6 +182,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(each_stage_has_its_share),
     cmocka_unit_test(the_error_is_that_of_25_pixels),
     cmocka_unit_test(a_frames_time_is_without_its_trials),
-    cmocka_unit_test(a_first_picture_within_the_noise_is_shown),
+    cmocka_unit_test(a_first_image_within_the_noise_is_shown),
 };
 UNIT_MAIN(tests)

@@ -1,6 +1,6 @@
 /* What the pilot chooses, by a price list instead of a clock, so that it is the same everywhere: the built-in court,
  * and a card under a mirror ring where casters are wanted. */
-#include "light/frame/pilot_parts.h"
+#include "light/frame/pilot_internal.h"
 #include "light/frame/pilots.h"
 
 #include <math.h>
@@ -19,7 +19,7 @@ static bool says(const struct relight_stats *s, const char *part)
 
 static void a_scene_without_mirrors_runs_no_caustics(void **state)
 {
-    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
     struct pilot *p = pilot_of(set);
     struct environment *e = sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
     const struct relight_desc light = { .classes = PATH_ALL };
@@ -41,7 +41,7 @@ static void a_scene_without_mirrors_runs_no_caustics(void **state)
 
 static void an_overcast_sky_gets_no_samples_of_a_sun(void **state)
 {
-    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
     struct environment *dull = sky_environment(sky_overcast(64, 32), 32, 0.0);
     struct environment *fine = sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0);
     const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
@@ -76,7 +76,7 @@ static struct environment *sun_alone(void)
  * measured under it. */
 static void another_sky_is_measured_anew_within_sixteen_frames(void **state)
 {
-    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
     struct environment *dull = sky_environment(sky_overcast(64, 32), 32, 0.0), *sun = sun_alone();
     const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
     const struct pilot_target target = { .seconds = 0.05 };
@@ -111,9 +111,9 @@ static bool same_choice(const struct pilot_stats *a, const struct pilot_stats *b
 
 /* From the tenth of 40 frames on: the time is kept to, measuring takes a twentieth, and ways and counts stand still but
  * where something better has been found. */
-static void a_sky_that_stands_still_has_a_steady_picture_in_time(void **state)
+static void a_sky_that_stands_still_has_a_steady_image_in_time(void **state)
 {
-    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
     struct pilot *p = pilot_of(set);
     struct environment *e = sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
     const struct relight_desc light = { .classes = PATH_ALL };
@@ -144,7 +144,7 @@ static void a_sky_that_stands_still_has_a_steady_picture_in_time(void **state)
 
 static void an_error_is_met_by_time(void **state)
 {
-    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
     struct environment *e = sky_environment(sky_overcast(64, 32), 32, 0.0);
     const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
     struct relight_stats stats;
@@ -163,10 +163,10 @@ static void an_error_is_met_by_time(void **state)
     set_destroy(set);
 }
 
-/* Before the first picture particles have a reading, as all else has; the other is the picture's own. */
-static void particles_are_measured_before_the_first_picture(void **state)
+/* Before the first image particles have a reading, as all else has; the other is the image's own. */
+static void particles_are_measured_before_the_first_image(void **state)
 {
-    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
     struct environment *e = sky_environment(sky_overcast(64, 32), 32, 0.0);
     const struct relight_desc light = { .classes = PATH_ALL, .indirect = PLAN_LIGHT };
     struct pilot *p = pilot_of(set);
@@ -182,10 +182,10 @@ static void particles_are_measured_before_the_first_picture(void **state)
     set_destroy(set);
 }
 
-/* A picture that turns out to be worse than it was chosen for has not met its target. */
-static void a_target_is_met_by_the_picture_not_by_its_choice(void **state)
+/* An image that turns out to be worse than it was chosen for has not met its target. */
+static void a_target_is_met_by_the_image_not_by_its_choice(void **state)
 {
-    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
     struct environment *e = sky_environment(sky_overcast(64, 32), 32, 0.0);
     struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
     const struct pilot_target target = { .error = 1e-2 };
@@ -220,7 +220,7 @@ static void a_target_is_met_by_the_picture_not_by_its_choice(void **state)
 static void nothing_is_left_out_where_the_time_is_short(void **state)
 {
     static const double seconds[] = { 1e-4, 1e-3, 0.006, 1.0 };
-    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
     struct environment *e = sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
     const struct relight_desc light = { .classes = PATH_ALL };
     (void)state;
@@ -247,7 +247,7 @@ static void nothing_is_left_out_where_the_time_is_short(void **state)
 /* Counts that the user names are kept to. */
 static void named_counts_and_estimators_are_kept_to(void **state)
 {
-    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
     struct pilot *p = pilot_of(set);
     struct environment *e = sky_environment(sky_overcast(64, 32), 32, 0.0);
     const struct relight_desc light = { .classes = PATH_ALL, .indirect = PLAN_EYE, .eye_paths = 3 };
@@ -266,7 +266,7 @@ static void named_counts_and_estimators_are_kept_to(void **state)
 
 static void a_black_sky_is_no_trouble(void **state)
 {
-    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
     struct pilot *p = pilot_of(set);
     struct environment *black = sky_environment(sky_constant(64, 32, 0.0f), 32, 0.0);
     struct environment *dull = sky_environment(sky_overcast(64, 32), 32, 0.0);
@@ -290,7 +290,7 @@ static void a_black_sky_is_no_trouble(void **state)
     set_destroy(set);
 }
 
-/* Direct light alone, a sample of which costs 1 ms: of a picture's time, a fiftieth goes to measurements of what is
+/* Direct light alone, a sample of which costs 1 ms: of an image's time, a fiftieth goes to measurements of what is
  * known well and `other` seconds on what follows from points to pixels, and samples fill the rest, but never less than
  * a fifth. */
 static void samples_fill_what_is_left_of_the_time(void **state)
@@ -320,10 +320,10 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_scene_without_mirrors_runs_no_caustics),
     cmocka_unit_test(an_overcast_sky_gets_no_samples_of_a_sun),
     cmocka_unit_test(another_sky_is_measured_anew_within_sixteen_frames),
-    cmocka_unit_test(a_sky_that_stands_still_has_a_steady_picture_in_time),
+    cmocka_unit_test(a_sky_that_stands_still_has_a_steady_image_in_time),
     cmocka_unit_test(an_error_is_met_by_time),
-    cmocka_unit_test(particles_are_measured_before_the_first_picture),
-    cmocka_unit_test(a_target_is_met_by_the_picture_not_by_its_choice),
+    cmocka_unit_test(particles_are_measured_before_the_first_image),
+    cmocka_unit_test(a_target_is_met_by_the_image_not_by_its_choice),
     cmocka_unit_test(nothing_is_left_out_where_the_time_is_short),
     cmocka_unit_test(named_counts_and_estimators_are_kept_to),
     cmocka_unit_test(a_black_sky_is_no_trouble),

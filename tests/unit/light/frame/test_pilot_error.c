@@ -1,14 +1,14 @@
-/* The error that the pilot says, held to the truth: relMSE against a converged picture of the same G-buffer; and its
- * choice of a technique and of where samples go, held to all techniques with even counts at the same price. Pictures
+/* The error that the pilot says, held to the truth: relMSE against a converged image of the same G-buffer; and its
+ * choice of a technique and of where samples go, held to all techniques with even counts at the same price. Images
  * of 48 x 27 of the built-in court.
  *
- * Points share light samples, so that one picture's error scatters by a fifth or so: means over ALL pictures of one
+ * Points share light samples, so that one image's error scatters by a fifth or so: means over ALL images of one
  * sky, each with numbers of its own, are compared, FEW in each commit; their standard error is below 8 % (it is
  * printed). The reference has 2048 samples and 256 eye paths a point, about a fifteenth of the errors here (twice as
  * many in `./test --long`: a thirtieth). A limit of 30 % would see an error forgotten or counted twice, a denominator
  * off by a sixth, and half of the squared difference taken for the whole.
  *
- * Samples are dealt by where it is hard: the light of the pictures must be the reference's all the same, within 4
+ * Samples are dealt by where it is hard: the light of the images must be the reference's all the same, within 4
  * standard errors (printed) of the mean. */
 #include "light/frame/pilots.h"
 #include "light/resolve/resolve.h"
@@ -21,7 +21,7 @@ enum { WIDTH = 48, HEIGHT = 27, PIXELS = WIDTH * HEIGHT, LEARNING = 24, FEW = 8,
 static float rgb[3 * PIXELS], reference[3 * PIXELS];
 static uint8_t mask[PIXELS];
 
-static void converge(const struct set *set, const struct environment *e, uint32_t classes)
+static void converge(const struct prepared_scene *set, const struct environment *e, uint32_t classes)
 {
     static double sum[3 * PIXELS];
     struct relight_desc light = {
@@ -55,12 +55,12 @@ static double rel_mse(void)
     return m.rel_mse;
 }
 
-static double light_of(const float *picture)
+static double light_of(const float *image)
 {
     double sum = 0.0;
 
     for (size_t i = 0; i < 3 * (size_t)PIXELS; i++)
-        sum += mask[i / 3] ? (double)picture[i] : 0.0;
+        sum += mask[i / 3] ? (double)image[i] : 0.0;
     return sum;
 }
 
@@ -70,14 +70,14 @@ static struct pilot_target in_time(double seconds)
 }
 
 struct outcome {
-    double said, truth, deviation; /* mean over the pictures; standard error of the truth, as a share */
+    double said, truth, deviation; /* mean over the images; standard error of the truth, as a share */
     double light, light_deviation; /* over the reference's; its standard error */
     struct pilot_stats last;
 };
 
-/* A pilot who has learnt, and then pictures with other numbers each. */
-static struct outcome measure(const struct set *set, const struct environment *e, uint32_t classes,
-                              struct pilot_target target, uint32_t pictures)
+/* A pilot who has learnt, and then images with other numbers each. */
+static struct outcome measure(const struct prepared_scene *set, const struct environment *e, uint32_t classes,
+                              struct pilot_target target, uint32_t images)
 {
     struct relight_desc light = { .classes = classes };
     struct pilot *p = pilot_of(set);
@@ -85,27 +85,27 @@ static struct outcome measure(const struct set *set, const struct environment *e
     struct relight_stats stats;
     double squares = 0.0, lights = 0.0;
 
-    for (light.direct.pass = 0; light.direct.pass < LEARNING + pictures; light.direct.pass++) {
+    for (light.direct.pass = 0; light.direct.pass < LEARNING + images; light.direct.pass++) {
         fly(p, e, &light, target, 1, rgb, &stats, &o.last);
         const double error = rel_mse();
         if (light.direct.pass < LEARNING)
             continue;
-        o.said += o.last.error / pictures;
-        o.truth += error / pictures;
-        squares += error * error / pictures;
+        o.said += o.last.error / images;
+        o.truth += error / images;
+        squares += error * error / images;
         const double one = light_of(rgb) / light_of(reference);
-        o.light += one / pictures;
-        lights += one * one / pictures;
+        o.light += one / images;
+        lights += one * one / images;
     }
-    o.deviation = sqrt(fmax(0.0, squares - o.truth * o.truth) / (pictures - 1.0)) / o.truth;
-    o.light_deviation = sqrt(fmax(0.0, lights - o.light * o.light) / (pictures - 1.0));
+    o.deviation = sqrt(fmax(0.0, squares - o.truth * o.truth) / (images - 1.0)) / o.truth;
+    o.light_deviation = sqrt(fmax(0.0, lights - o.light * o.light) / (images - 1.0));
     pilot_end(p);
     return o;
 }
 
 static void compare(struct environment *e, uint32_t classes, struct pilot_target target, const char *sky)
 {
-    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
 
     converge(set, e, classes);
     const struct outcome o = measure(set, e, classes, target, seeds_count(FEW, ALL));
@@ -138,14 +138,14 @@ static void the_error_said_is_true_with_interreflection(void **state)
             "overcast, all");
 }
 
-/* However short the time, all light is there: the mean of the pictures is the reference's within 3 %. Without indirect
+/* However short the time, all light is there: the mean of the images is the reference's within 3 %. Without indirect
  * light it would be 10 % lower and more. So few pixels lose 2 % to the filter (at 320x180 0.2 %); the standard error of
  * the mean is held to a third of a per cent. */
 static void no_light_is_missing_in_haste(void **state)
 {
     static const double seconds[] = { 0.0001, 0.0032, 0.02 };
     struct environment *e = sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0);
-    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
     (void)state;
 
     converge(set, e, PATH_ALL);
@@ -162,7 +162,8 @@ static void no_light_is_missing_in_haste(void **state)
 
 /* Each technique for all surfaces, with as many samples as take the time; mean over seeds, in each commit half of them:
  * a standard error below 11 %, where the limit below is 20 %. */
-static double by_technique(const struct set *set, const struct environment *e, struct direct_desc desc, double seconds)
+static double by_technique(const struct prepared_scene *set, const struct environment *e, struct direct_desc desc,
+                           double seconds)
 {
     const struct kernels *k;
     const uint32_t seeds = seeds_count(FEW, ALL);
@@ -203,7 +204,7 @@ static void weigh_choice(struct environment *e, const char *sky)
         { "faces, 8 x 8 cells, sun", { .method = METHOD_FACES, .cells = 8, .sun = true } },
     };
     const double seconds = 0.025;
-    struct set *set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
     double least = INFINITY;
 
     converge(set, e, PATH_BACKGROUND | PATH_DIRECT);

@@ -13,7 +13,7 @@ enum { WIDTH = 32, HEIGHT = 18 };
 
 static struct stage court_of(uint32_t width, uint32_t height)
 {
-    return stage_make(&(struct set_desc){ .width = width, .height = height }, sky_with_sun(64, 32, 2e3f));
+    return stage_make(&(struct prepared_scene_desc){ .width = width, .height = height }, sky_with_sun(64, 32, 2e3f));
 }
 
 static struct stage court(void)
@@ -34,7 +34,7 @@ static void it_is_computed_once_and_told_apart(void **state)
     assert_true(first.cache_ms > 0.0 && second.cache_ms == 0.0);
     assert_true(first.cache.bytes > 0 && first.cache.bytes == second.cache.bytes);
     assert_true(first.cache.packets == s.set->gbuffer->packet_count);
-    assert_true(first.cache_frame.bright > 0 && first.direct.rays >= first.cache_frame.rays);
+    assert_true(first.cache_frame.sun > 0 && first.direct.rays >= first.cache_frame.rays);
     assert_non_null(first.bias);
     assert_int_equal(relighter_prepare(s.relighter, &light, false, &ms), ERR_OK);
     assert_true(ms == 0.0);
@@ -99,7 +99,7 @@ static const char *own_caches(void)
     return path;
 }
 
-/* Another relighter, as if in another run, makes the picture; true when its cache was loaded. */
+/* Another relighter, as if in another run, makes the image; true when its cache was loaded. */
 static bool run_anew(struct stage *s, const struct relight_desc *light, float **lo)
 {
     const size_t floats = (size_t)s->set->gbuffer->packet_count * 3 * PACKET;
@@ -151,7 +151,7 @@ static void another_run_loads_what_one_has_computed(void **state)
     stage_finish(&s);
 }
 
-/* A name of one's own; none; and places that cannot be: the picture comes all the same. */
+/* A name of one's own; none; and places that cannot be: the image comes all the same. */
 static void files_are_where_they_are_asked_for_or_nowhere(void **state)
 {
     struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16, .no_visibility = true } };
@@ -179,7 +179,7 @@ static void files_are_where_they_are_asked_for_or_nowhere(void **state)
     stage_finish(&s);
 }
 
-/* A folder that is none, or somebody else's, or on no disk: said once, and the picture comes. Indirect light, in the
+/* A folder that is none, or somebody else's, or on no disk: said once, and the image comes. Indirect light, in the
  * first, asks for the file a second time. */
 static void a_folder_that_cannot_be_used_is_reported_once(void **state)
 {
@@ -301,7 +301,7 @@ static void computed_in_the_background_it_ends_as_if_waited_for(void **state)
     stage_finish(&s);
 }
 
-/* Pictures go on by auto; who waits is told. */
+/* Images go on by auto; who waits is told. */
 static void refused_in_the_background_it_is_auto(void **state)
 {
     struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16 },

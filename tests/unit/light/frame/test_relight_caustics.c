@@ -5,7 +5,7 @@ enum { WIDTH = 48, HEIGHT = 27, VALUES = 3 * WIDTH * HEIGHT };
 
 static struct stage ring(struct frame sky)
 {
-    return stage_make(&(struct set_desc){ .scene = RING, .width = WIDTH, .height = HEIGHT }, sky);
+    return stage_make(&(struct prepared_scene_desc){ .scene = RING, .width = WIDTH, .height = HEIGHT }, sky);
 }
 
 static void run(struct stage *s, const struct relight_desc *light, struct relight_stats *stats)
@@ -69,7 +69,7 @@ static void the_bright_part_has_its_share_of_the_particles(void **state)
     stage_finish(&cloud);
 }
 
-static void the_picture_depends_on_the_turn_alone(void **state)
+static void the_image_depends_on_the_turn_alone(void **state)
 {
     struct stage a = ring(sky_overcast(64, 32)), b = ring(sky_overcast(64, 32));
     struct relight_desc light = stored;
@@ -119,9 +119,9 @@ static void cached_has_it_unless_another_is_asked(void **state)
     stage_finish(&s);
 }
 
-/* Mean luminance of the picture, stored less traced, over 16 seeds (8 of half as many paths in each commit): what eye
+/* Mean luminance of the image, stored less traced, over 16 seeds (8 of half as many paths in each commit): what eye
  * paths find behind the ball is the same in both. It may be 4.5 of its standard errors from nothing (5.5 by 8). That
- * error is asserted to be below 0.2 % of the picture (0.4 %): a bias of 1 % (2.4 %) is 5 (6) errors away, and seen in 7
+ * error is asserted to be below 0.2 % of the image (0.4 %): a bias of 1 % (2.4 %) is 5 (6) errors away, and seen in 7
  * of 10 cases; a lost factor, class or part of the sky is more. */
 static void it_is_what_the_light_tracer_finds(void **state)
 {
@@ -160,7 +160,7 @@ static void it_is_what_the_light_tracer_finds(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(it_is_made_once_and_told_apart),
     cmocka_unit_test(the_bright_part_has_its_share_of_the_particles),
-    cmocka_unit_test(the_picture_depends_on_the_turn_alone),
+    cmocka_unit_test(the_image_depends_on_the_turn_alone),
     cmocka_unit_test(cached_has_it_unless_another_is_asked),
     cmocka_unit_test(it_is_what_the_light_tracer_finds),
 };

@@ -8,25 +8,27 @@ enum { WIDTH = 64, HEIGHT = 36 };
 
 static const char *const other = "gallery"; /* of the built-in scene */
 
-static struct set *whole(const char *camera)
+static struct prepared_scene *whole(const char *camera)
 {
-    struct set *s = NULL;
+    struct prepared_scene *s = NULL;
     struct reason why = { "" };
 
-    assert_int_equal(set_create(&(struct set_desc){ .camera = camera, .width = WIDTH, .height = HEIGHT }, &s, &why),
-                     ERR_OK);
+    assert_int_equal(
+        set_create(&(struct prepared_scene_desc){ .camera = camera, .width = WIDTH, .height = HEIGHT }, &s, &why),
+        ERR_OK);
     return s;
 }
 
 static void a_view_is_what_a_set_of_that_camera_has(void **state)
 {
     (void)state;
-    struct set *first = whole(NULL), *want = whole(other), *got = NULL;
+    struct prepared_scene *first = whole(NULL), *want = whole(other), *got = NULL;
     struct progress line;
     struct reason why = { "" };
 
     progress_begin(&line, "view", HEIGHT, NULL);
-    assert_int_equal(set_create_view(first, &(struct set_desc){ .camera = other, .width = WIDTH, .height = HEIGHT },
+    assert_int_equal(set_create_view(first,
+                                     &(struct prepared_scene_desc){ .camera = other, .width = WIDTH, .height = HEIGHT },
                                      &line, &got, &why),
                      ERR_OK);
     progress_end(&line);
@@ -50,22 +52,23 @@ static void a_view_is_what_a_set_of_that_camera_has(void **state)
 static void an_unknown_camera_is_named(void **state)
 {
     (void)state;
-    struct set *first = whole(NULL), *got = first;
+    struct prepared_scene *first = whole(NULL), *got = first;
     struct progress line;
     struct reason why = { "" };
 
     progress_begin(&line, "view", HEIGHT, NULL);
-    assert_int_equal(set_create_view(first, &(struct set_desc){ .camera = "nobody", .width = WIDTH, .height = HEIGHT },
-                                     &line, &got, &why),
-                     ERR_USAGE);
+    assert_int_equal(
+        set_create_view(first, &(struct prepared_scene_desc){ .camera = "nobody", .width = WIDTH, .height = HEIGHT },
+                        &line, &got, &why),
+        ERR_USAGE);
     assert_null(got);
     assert_non_null(strstr(why.text, "nobody"));
     set_destroy(first);
 }
 
-static struct set *first_of(struct set_desc d)
+static struct prepared_scene *first_of(struct prepared_scene_desc d)
 {
-    struct set *s = NULL;
+    struct prepared_scene *s = NULL;
     struct reason why = { "" };
 
     d.width = WIDTH;
@@ -80,9 +83,9 @@ static void a_coarse_view_of_glass_becomes_complete(void **state)
 {
     (void)state;
     const struct view_change moved = { .has_position = true, .position = { 1.5f, 2.0f, 3.0f }, .fov_y = 0.5f };
-    const struct set_desc desc = { .scene = RING, .change = moved, .width = WIDTH, .height = HEIGHT };
-    struct set_desc soon = desc;
-    struct set *coarse, *complete = NULL, *want = first_of(desc);
+    const struct prepared_scene_desc desc = { .scene = RING, .change = moved, .width = WIDTH, .height = HEIGHT };
+    struct prepared_scene_desc soon = desc;
+    struct prepared_scene *coarse, *complete = NULL, *want = first_of(desc);
     struct progress line;
     struct reason why = { "" };
 
@@ -108,8 +111,9 @@ static void a_coarse_view_of_glass_becomes_complete(void **state)
 static void only_glass_makes_it_coarse(void **state)
 {
     (void)state;
-    struct set *plain = first_of((struct set_desc){ .soon = true });
-    struct set *every = first_of((struct set_desc){ .scene = RING, .soon = true, .every_pixel = true });
+    struct prepared_scene *plain = first_of((struct prepared_scene_desc){ .soon = true });
+    struct prepared_scene *every =
+        first_of((struct prepared_scene_desc){ .scene = RING, .soon = true, .every_pixel = true });
 
     assert_true(!plain->coarse && plain->gbuffer->edge_pixels > 0);
     assert_true(!every->coarse && every->gbuffer->edge_pixels > 0);

@@ -1,4 +1,4 @@
-/* Lone splats in denoised pictures (light/denoise/splats.h). RING: docs/examples. */
+/* Lone splats in denoised images (light/denoise/splats.h). RING: docs/examples. */
 #include "light/denoise/splats.h"
 #include "light/frame/stage.h"
 
@@ -58,12 +58,12 @@ static void neighbours_keep_what_is_theirs(void **state)
     assert_memory_equal(rgb, before, sizeof(before));
 }
 
-/* Four particles under a sun leave specks. Denoised, the picture has the same light, and no pixel of it is a tenth as
+/* Four particles under a sun leave specks. Denoised, the image has the same light, and no pixel of it is a tenth as
  * bright. */
-static void a_denoised_picture_has_no_specks(void **state)
+static void a_denoised_image_has_no_specks(void **state)
 {
-    struct stage s =
-        stage_make(&(struct set_desc){ .scene = RING, .width = WIDTH, .height = HEIGHT }, sky_with_sun(64, 32, 2e3f));
+    struct stage s = stage_make(&(struct prepared_scene_desc){ .scene = RING, .width = WIDTH, .height = HEIGHT },
+                                sky_with_sun(64, 32, 2e3f));
     struct relight_desc light = { .direct = { .method = METHOD_AUTO, .samples = 4 },
                                   .classes = PATH_CAUSTICS,
                                   .caustics = PLAN_LIGHT,
@@ -88,6 +88,6 @@ static void a_denoised_picture_has_no_specks(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_lone_splat_spreads),
     cmocka_unit_test(neighbours_keep_what_is_theirs),
-    cmocka_unit_test(a_denoised_picture_has_no_specks),
+    cmocka_unit_test(a_denoised_image_has_no_specks),
 };
 UNIT_MAIN(tests)

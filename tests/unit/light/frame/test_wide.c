@@ -1,4 +1,4 @@
-/* Pictures of a sky that is only looked at: nothing aliases. */
+/* Images of a sky that is only looked at: nothing aliases. */
 #include "scene/geometry/files.h"
 #include "support/skies.h"
 
@@ -7,8 +7,8 @@
 
 #define SIDE 64u
 
-/* The picture of a mirror ball under e: rgb[SIDE][SIDE][3]. Without widths each ray sees one direction. */
-static void take_picture(const struct scene *s, const struct rays *r, const struct environment *e, uint32_t edge_rays,
+/* The image of a mirror ball under e: rgb[SIDE][SIDE][3]. Without widths each ray sees one direction. */
+static void take_image(const struct scene *s, const struct rays *r, const struct environment *e, uint32_t edge_rays,
                          bool widths, float *rgb)
 {
     const struct camera eye = { "eye", { 0, 0, 9 }, { 0, 0, 0 }, { 0, 1, 0 }, 0.25f };
@@ -18,8 +18,8 @@ static void take_picture(const struct scene *s, const struct rays *r, const stru
     struct gbuffer *g = NULL;
 
     assert_int_equal(gbuffer_create(s, r, &d, &g, NULL), ERR_OK);
-    for (uint32_t k = 0; !widths && k < g->escape_first[SIDE * SIDE]; k++)
-        g->escapes[k].width = 0.0f;
+    for (uint32_t k = 0; !widths && k < g->miss_first[SIDE * SIDE]; k++)
+        g->misses[k].width = 0.0f;
     resolve_pixels(g, NULL, e, rgb);
     gbuffer_destroy(g);
 }
@@ -57,10 +57,10 @@ static void fine_sky_in_a_mirror_ball_does_not_alias(void **state)
     for (uint32_t t = 0; t < f.width * f.height; t++)
         sky_paint(&f, t % f.width, t / f.width, (float)(rng_hash(t) & 1), 0.0f, 0.0f);
     struct environment *e = sky_environment(f, 256, 0.0);
-    take_picture(s, r, e, 16, false, truth);
+    take_image(s, r, e, 16, false, truth);
     for (uint32_t edge_rays = 1; edge_rays <= 4; edge_rays += 3) {
-        take_picture(s, r, e, edge_rays, false, plain);
-        take_picture(s, r, e, edge_rays, true, wide);
+        take_image(s, r, e, edge_rays, false, plain);
+        take_image(s, r, e, edge_rays, true, wide);
         assert_true(variance(wide, truth) < variance(plain, truth) / (edge_rays == 1 ? 50.0 : 4.0));
     }
     environment_destroy(e);

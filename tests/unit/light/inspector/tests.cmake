@@ -1,2 +1,2 @@
-unit_test(inspector test_probe_report settings PkgConfig::JANSSON)
-unit_test(inspector test_probe frame)
+unit_test(inspector test_inspector_report settings PkgConfig::JANSSON)
+unit_test(inspector test_inspector frame)

@@ -8,7 +8,7 @@
 enum { WIDTH = 160, HEIGHT = 90 };
 
 struct deal {
-    struct set *set;
+    struct prepared_scene *set;
     uint32_t *index;
     struct packet_list list;
     struct allotment allot;
@@ -17,7 +17,7 @@ struct deal {
 
 static struct deal deal_make(void)
 {
-    struct deal d = { .set = set_of(&(struct set_desc){ .width = WIDTH, .height = HEIGHT }) };
+    struct deal d = { .set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT }) };
     const uint32_t packets = d.set->gbuffer->packet_count;
 
     d.index = mem_alloc(packets, sizeof(*d.index));

@@ -15,7 +15,7 @@ static bool in_list(const struct packet_list *l, uint32_t packet)
 
 static void each_pixel_is_in_one_group_with_all_its_packets(void **state)
 {
-    struct set *set = set_of(&(struct set_desc){ .width = 160, .height = 90 });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = 160, .height = 90 });
     const struct gbuffer *g = set->gbuffer;
     static uint8_t seen[160 * 90];
     struct groups s;
@@ -52,7 +52,7 @@ static void pairs_tell_variance(void **state)
     enum { PIXELS = 160 * 90 };
     static float a[3 * PIXELS], b[3 * PIXELS], r[3 * PIXELS];
     static uint8_t mask[PIXELS];
-    struct set *set = set_of(&(struct set_desc){ .width = 160, .height = 90 });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = 160, .height = 90 });
     struct rng rng = { 3 };
     struct groups s;
     struct yardstick y;
@@ -66,13 +66,13 @@ static void pairs_tell_variance(void **state)
         mask[i / 3] = 1;
     }
     yardstick_init(&y, r, mask, 160, 90);
-    const double error = pair_of_pictures(&s.all, a, b, &y), measure = 4.0 * 1.01;
+    const double error = pair_of_images(&s.all, a, b, &y), measure = 4.0 * 1.01;
     assert_float_equal(error, 0.09 / 12.0 / measure, 0.05 * 0.09 / 12.0 / measure);
     groups_finish(&s);
     set_destroy(set);
 }
 
-/* Particles that bring light 1 on the mean to a picture of 0.3, each to a pixel with probability p and as 1 / p: their
+/* Particles that bring light 1 on the mean to an image of 0.3, each to a pixel with probability p and as 1 / p: their
  * variance is 1 / p - 1. Also where hardly a pixel has any around, none is divided by itself, which would hide it. */
 static void few_particles_show_their_noise(void **state)
 {
@@ -89,7 +89,7 @@ static void few_particles_show_their_noise(void **state)
         { 1e-3f, true, 0.8, 20.0 },
     };
     static uint8_t mask[PIXELS];
-    struct set *set = set_of(&(struct set_desc){ .width = WIDE, .height = HIGH });
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDE, .height = HIGH });
     struct groups s;
     (void)state;
 
@@ -109,7 +109,7 @@ static void few_particles_show_their_noise(void **state)
         yardstick_spread(half[0], half[1], WIDE, HIGH, spare, spread);
         y.more = spread;
         const double truth = (1.0 / (double)p - 1.0) / (1.3 * 1.3 + y.soft);
-        const double ratio = pair_of_pictures(&s.all, half[0], half[1], &y) / truth;
+        const double ratio = pair_of_images(&s.all, half[0], half[1], &y) / truth;
         printf("particles in one pixel of %.0f: %.2f of the variance\n", 1.0 / (double)p, ratio);
         assert_true(ratio > cases[k].least && ratio < cases[k].most);
     }
@@ -136,7 +136,7 @@ static void a_model_finds_the_variance_behind_noisy_readings(void **state)
     assert_float_equal(model_error(&m, 32.0), 1.5 / 32.0, 0.2 * 1.5 / 32.0);
 }
 
-static void whole_pictures_tell_the_time(void **state)
+static void whole_images_tell_the_time(void **state)
 {
     struct model m = { 0 };
     (void)state;
@@ -169,7 +169,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(pairs_tell_variance),
     cmocka_unit_test(few_particles_show_their_noise),
     cmocka_unit_test(a_model_finds_the_variance_behind_noisy_readings),
-    cmocka_unit_test(whole_pictures_tell_the_time),
+    cmocka_unit_test(whole_images_tell_the_time),
     cmocka_unit_test(an_old_sky_is_forgotten_by_the_first_new_reading),
 };
 UNIT_MAIN(tests)

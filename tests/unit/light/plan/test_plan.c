@@ -77,7 +77,7 @@ static void dark_surfaces_need_no_interreflection(void **state)
     assert_int_equal(p.indirect_caustics, PLAN_NONE);
     assert_false(p.behind_indirect);
     assert_true(p.behind_caustics);
-    assert_left_out(&p, 1, "interreflection: the surfaces are too dark for it to be seen");
+    assert_left_out(&p, 1, "indirect light: the surfaces are too dark for it to be seen");
 
     w.indirect_by = PLAN_LIGHT; /* who asks for it by name gets it */
     assert_int_equal(planned(&f, &w).indirect, PLAN_LIGHT);
@@ -112,14 +112,14 @@ static void what_was_not_asked_for_is_not_done(void **state)
     assert_true(p.caustics == PLAN_NONE && p.indirect == PLAN_NONE && p.indirect_caustics == PLAN_NONE);
     assert_true(p.particles == 0 && p.eye_paths == 0 && !p.behind_caustics && !p.behind_indirect);
     assert_left_out(&p, 2, "caustics: not requested");
-    assert_string_equal(p.left_out[1], "interreflection: not requested");
+    assert_string_equal(p.left_out[1], "indirect light: not requested");
 
     w.indirect_by = PLAN_NONE;
     p = planned(&court, &w);
     assert_int_equal(p.indirect_caustics, PLAN_NONE);
-    assert_left_out(&p, 1, "interreflection: switched off");
+    assert_left_out(&p, 1, "indirect light: switched off");
 
-    w = everything; /* interreflection alone, of caustics too, by whom it is done */
+    w = everything; /* indirect light alone, of caustics too, by whom it is done */
     w.caustics = false;
     assert_int_equal(planned(&court, &w).indirect_caustics, PLAN_EYE);
 }
@@ -144,7 +144,7 @@ static void counts_follow_the_samples_unless_they_are_given(void **state)
     assert_int_equal(p.eye_paths, 3);
 }
 
-/* Under whatever sky; what caustics throw on comes by the same paths, the rest of interreflection does not. */
+/* Under whatever sky; what caustics throw on comes by the same paths, the rest of indirect light does not. */
 static void what_is_stored_takes_caustics_unless_another_is_asked(void **state)
 {
     struct plan_facts f = court;
@@ -158,7 +158,7 @@ static void what_is_stored_takes_caustics_unless_another_is_asked(void **state)
         assert_int_equal(p.caustics, PLAN_STORED);
         assert_int_equal(p.indirect, PLAN_EYE);
         assert_int_equal(p.indirect_caustics, PLAN_STORED);
-        assert_int_equal(p.particles, 8 * 4000); /* for the bright part */
+        assert_int_equal(p.particles, 8 * 4000); /* for the sun */
     }
     w.caustics_by = PLAN_LIGHT;
     assert_int_equal(planned(&f, &w).caustics, PLAN_LIGHT);

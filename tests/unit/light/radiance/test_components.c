@@ -1,4 +1,4 @@
-/* Daylight coefficients for Radiance: patches in its order and axes, pictures that add up, files as it reads them. */
+/* Daylight coefficients for Radiance: patches in its order and axes, images that add up, files as it reads them. */
 #include "image/codec/decode.h"
 #include "image/codec/hdr_write.h"
 #include "light/estimators/points.h"
@@ -128,10 +128,10 @@ static void the_sun_is_in_the_patch_of_its_azimuth(void **state)
     }
 }
 
-/* ---- Pictures ---- */
+/* ---- Images ---- */
 
 struct stage {
-    struct set *set;
+    struct prepared_scene *set;
     struct relight_desc light;
     struct environment_desc environment;
     struct components_desc desc;
@@ -141,7 +141,7 @@ struct stage {
 
 static struct stage *stage_make(enum method method, uint32_t samples)
 {
-    const struct set_desc desc = { .width = WIDTH, .height = HEIGHT };
+    const struct prepared_scene_desc desc = { .width = WIDTH, .height = HEIGHT };
     struct stage *s = mem_alloc(1, sizeof(*s));
 
     s->set = set_of(&desc);
@@ -171,7 +171,7 @@ static void picture(struct components *c, float radiance[PATCHES][3], float *rgb
 {
     struct reason why;
 
-    assert_int_equal(components_picture(c, (const float(*)[3])radiance, rgb, &why), ERR_OK);
+    assert_int_equal(components_image(c, (const float(*)[3])radiance, rgb, &why), ERR_OK);
 }
 
 /* To RGBE and back as Radiance reads it, (m + 1/2) / 256, so that what is compared is what dctimestep adds up. */
@@ -197,7 +197,7 @@ static void through_file(float *rgb, uint32_t width, uint32_t height)
     mem_free(bytes);
 }
 
-/* The sums of component pictures under `skies` skies at once, as dctimestep makes them. */
+/* The sums of component images under `skies` skies at once, as dctimestep makes them. */
 static void add_components(struct components *c, uint32_t skies, float radiance[][PATCHES][3], float sum[][3 * PIXELS])
 {
     static float one[PATCHES][3], rgb[3 * PIXELS];
@@ -238,10 +238,10 @@ static struct metrics compare(const struct stage *s, const float *x, const float
     return m;
 }
 
-/* Against the very operator under the same sky, rounding alone is left, and what is cut off below 0: 146 pictures, each
+/* Against the very operator under the same sky, rounding alone is left, and what is cut off below 0: 146 images, each
  * off by 1/512 of its largest at most. Against mis with 1024 samples, whose own noise is some 2e-4, the cache's bias.
  */
-static void they_add_up_to_the_picture(void **state)
+static void they_add_up_to_the_image(void **state)
 {
     static float radiance[SKIES][PATCHES][3], sum[SKIES][3 * PIXELS], rgb[3 * PIXELS];
     struct stage *cached = stage_make(METHOD_CACHED, 64), *mis = stage_make(METHOD_MIS, 1024);
@@ -304,7 +304,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(solid_angles_are_those_of_their_texels),
     cmocka_unit_test(patches_are_where_radiance_looks),
     cmocka_unit_test(the_sun_is_in_the_patch_of_its_azimuth),
-    cmocka_unit_test(they_add_up_to_the_picture),
+    cmocka_unit_test(they_add_up_to_the_image),
     cmocka_unit_test(rgbe_is_as_radiance_has_it),
 };
 UNIT_MAIN(tests)

@@ -1,4 +1,4 @@
-/* Daylight coefficients read back: skies as patches, sums of pictures and of matrices, and what is refused. */
+/* Daylight coefficients read back: skies as patches, sums of images and of matrices, and what is refused. */
 #include "base/rng.h"
 #include "image/codec/hdr_write.h"
 #include "light/estimators/points.h"
@@ -189,7 +189,7 @@ static void write_part(const struct folder *f, uint32_t k, const float *rgb, uin
     assert_int_equal(hdr_write(&(struct hdr_desc){ rgb, width, height, NULL }, name, &why), ERR_OK);
 }
 
-/* Pictures with values of RGBE's own, as Radiance reads them: (m + 1/2) / 256 times a power of two that a texel's
+/* Images with values of RGBE's own, as Radiance reads them: (m + 1/2) / 256 times a power of two that a texel's
  * largest channel has with a mantissa of at least 128. */
 static void make_parts(float part[PATCHES][PIXELS][3])
 {
@@ -231,7 +231,7 @@ static void expect_sum(const struct parts *p, float part[PATCHES][PIXELS][3], do
 
     fill(radiance, PATCHES);
     radiance[20][0] = 0.0f;
-    parts_picture(p, (const float(*)[3])radiance, rgb);
+    parts_image(p, (const float(*)[3])radiance, rgb);
     for (uint32_t i = 0; i < PIXELS; i++)
         for (uint32_t c = 0; c < 3; c++) {
             double want = 0.0;
@@ -339,13 +339,13 @@ static void what_is_no_set_of_parts_is_refused(void **state)
     folder_finish(&f);
 }
 
-/* Through relighter_run: the picture of the environment's patches for the first camera, and for no other. */
+/* Through relighter_run: the image of the environment's patches for the first camera, and for no other. */
 static void a_relighter_shows_them_for_one_camera(void **state)
 {
     static float part[PATCHES][PIXELS][3], radiance[PATCHES][3], want[3 * PIXELS], rgb[3 * PIXELS];
     const struct folder f = folder_make();
-    const struct set_desc one = { .width = WIDTH, .height = HEIGHT };
-    struct set_desc two = one;
+    const struct prepared_scene_desc one = { .width = WIDTH, .height = HEIGHT };
+    struct prepared_scene_desc two = one;
     struct reason why = { "" };
     struct relight_stats stats;
     (void)state;
@@ -359,14 +359,14 @@ static void a_relighter_shows_them_for_one_camera(void **state)
     fill(radiance, PATCHES);
     struct environment *e = sky_environment(patch_sky(1, (const float(*)[3])radiance), 16, 0.0);
     two.camera = "@0,3,9;0,0,0;40";
-    struct set *sets[2] = { set_of(&one), set_of(&two) };
+    struct prepared_scene *sets[2] = { set_of(&one), set_of(&two) };
     for (int k = 0; k < 2; k++) {
         struct relighter *r = relighter_create(sets[k], best_kernels());
         assert_int_equal(relighter_run(r, e, &light, rgb, &stats), k == 0 ? ERR_OK : ERR_UNSUPPORTED);
         relighter_destroy(r);
     }
     assert_non_null(strstr(why.text, "another camera needs components of its own"));
-    parts_picture(p, (const float(*)[3])radiance, want);
+    parts_image(p, (const float(*)[3])radiance, want);
     for (uint32_t i = 0; i < 3 * PIXELS; i++)
         assert_true(fabsf(rgb[i] - want[i]) <= 1e-5f * want[i]);
     assert_non_null(stats.bias);

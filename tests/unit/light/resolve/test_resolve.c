@@ -1,4 +1,4 @@
-/* Where escapes look a sky up is found once: the pictures must have the bits of looking anew. */
+/* Where escapes look a sky up is found once: the images must have the bits of looking anew. */
 #include "support/skies.h"
 
 #include "light/resolve/resolve.h"
@@ -52,7 +52,7 @@ static void a_place_shows_the_bits_that_looking_does(void **state)
     for (int s = 0; s < SHAPES; s++)
         for (int turn = 0; turn < 3; turn++) {
             struct environment *e = make_sky(&shapes[s], 40.0 * turn, 1);
-            const struct lookup_image picture = lookup_image_of(e);
+            const struct lookup_image image = lookup_image_of(e);
             uint32_t found = 0;
             for (uint32_t k = 0; k < 4000; k++) {
                 const struct vec3 w = direction(k);
@@ -61,7 +61,7 @@ static void a_place_shows_the_bits_that_looking_does(void **state)
                 if (p.texel == LOOKUP_NONE)
                     continue;
                 environment_lookup_wide(e, w, 1e-3f, want);
-                lookup_at(&picture, &p, got);
+                lookup_at(&image, &p, got);
                 assert_memory_equal(got, want, sizeof(want));
                 found++;
             }
@@ -82,7 +82,7 @@ static void a_wide_eye_has_no_place(void **state)
 }
 
 /* Pixels with none, one and two escapes, every seventh of which is wide; one packet of shade points. */
-static void make_gbuffer(struct gbuffer *g, uint32_t *first, struct gbuffer_escape *escapes, uint32_t *entry_first,
+static void make_gbuffer(struct gbuffer *g, uint32_t *first, struct gbuffer_miss *misses, uint32_t *entry_first,
                          struct gbuffer_entry *entries)
 {
     *g = (struct gbuffer){ .width = WIDTH,
@@ -90,12 +90,12 @@ static void make_gbuffer(struct gbuffer *g, uint32_t *first, struct gbuffer_esca
                            .packet_count = 1,
                            .entry_first = entry_first,
                            .entries = entries,
-                           .escape_first = first,
-                           .escapes = escapes };
+                           .miss_first = first,
+                           .misses = misses };
     for (uint32_t i = 0; i < PIXELS; i++) {
         first[i + 1] = first[i] + i % 3;
         for (uint32_t k = first[i]; k < first[i + 1]; k++)
-            escapes[k] = (struct gbuffer_escape){ direction(k), { 0.25f, 0.5f, 0.75f }, k % 7 ? 0.01f : 0.3f };
+            misses[k] = (struct gbuffer_miss){ direction(k), { 0.25f, 0.5f, 0.75f }, k % 7 ? 0.01f : 0.3f };
         entry_first[i + 1] = entry_first[i] + 1;
         entries[i] = (struct gbuffer_entry){ i % PACKET, { 0.5f, 0.6f, 0.7f } };
     }
@@ -104,14 +104,14 @@ static void make_gbuffer(struct gbuffer *g, uint32_t *first, struct gbuffer_esca
 static void a_resolver_keeps_the_bits_whatever_sky_comes(void **state)
 {
     static uint32_t first[PIXELS + 1], entry_first[PIXELS + 1];
-    static struct gbuffer_escape escapes[2 * PIXELS];
+    static struct gbuffer_miss misses[2 * PIXELS];
     static struct gbuffer_entry entries[PIXELS];
     static float want[3 * PIXELS], got[3 * PIXELS];
     float lo[3 * PACKET];
     struct gbuffer g;
     (void)state;
 
-    make_gbuffer(&g, first, escapes, entry_first, entries);
+    make_gbuffer(&g, first, misses, entry_first, entries);
     for (uint32_t k = 0; k < 3 * PACKET; k++)
         lo[k] = (float)k;
     struct resolver *r = resolver_create(&g);

@@ -7,7 +7,7 @@
 #include "image/codec/make_hdr.h"
 #include "light/estimators/kernels.h"
 #include "light/frame/relight.h"
-#include "measure/bench/bench_parts.h"
+#include "measure/bench/bench_internal.h"
 #include "sky/tables/environment.h"
 #include "support/sets.h"
 
@@ -109,7 +109,7 @@ static void radiance_and_six_faces_take_none_either(void **state)
 }
 
 /* Whole frames, stage by stage as relightd does them. */
-static enum err make_frame(struct environment *e, const struct frame *f, struct picture_maker *m, uint64_t at[5])
+static enum err make_frame(struct environment *e, const struct frame *f, struct image_maker *m, uint64_t at[5])
 {
     struct reason why;
 
@@ -120,10 +120,10 @@ static enum err make_frame(struct environment *e, const struct frame *f, struct 
         result = environment_rebuild(e, &why);
     allocations_count(&at[2]);
     if (!result)
-        result = picture_maker_light(m);
+        result = image_maker_light(m);
     allocations_count(&at[3]);
     if (!result)
-        result = picture_maker_encode(m);
+        result = image_maker_encode(m);
     allocations_count(&at[4]);
     return result;
 }
@@ -140,11 +140,11 @@ static void no_stage_of_a_frame_takes_memory_after_the_tenth(void **state)
         { .direct = { .method = METHOD_CACHED, .samples = 8 } },
     };
     static const char *const stages[] = { "decoding", "tables", "light", "exposure, tone curve and JPEG" };
-    const struct set_desc desc = { .width = 64, .height = 40, .interleave = 2 };
+    const struct prepared_scene_desc desc = { .width = 64, .height = 40, .interleave = 2 };
     struct reason why = { "" };
     struct bench_sky sky = { .environment = NULL };
     struct bench b = { .sky = &sky };
-    struct set *set = NULL;
+    struct prepared_scene *set = NULL;
     uint64_t at[5];
     (void)state;
 
@@ -154,8 +154,8 @@ static void no_stage_of_a_frame_takes_memory_after_the_tenth(void **state)
     set = set_of(&desc);
     for (size_t l = 0; l < sizeof(lights) / sizeof(lights[0]); l++) {
         struct environment *e = environment_create(&(struct environment_desc){ .n = 64 });
-        struct picture_maker m;
-        assert_int_equal(picture_maker_init(&m, &b, set), ERR_OK);
+        struct image_maker m;
+        assert_int_equal(image_maker_init(&m, &b, set), ERR_OK);
         sky.environment = e;
         m.light = &lights[l];
         for (frame = 0; frame < WARM + COUNTED; frame++) {
@@ -173,7 +173,7 @@ static void no_stage_of_a_frame_takes_memory_after_the_tenth(void **state)
                     fail_msg("lights %zu, frame %d, %s: %llu allocations", l, frame, stages[k],
                              (unsigned long long)(at[k + 1] - at[k]));
         }
-        picture_maker_finish(&m);
+        image_maker_finish(&m);
         environment_destroy(e);
     }
     set_destroy(set);

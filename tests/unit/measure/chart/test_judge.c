@@ -1,4 +1,4 @@
-/* Errors against a truth that is known only through two noisy references. Here the truth is known: a picture of 40 x 30
+/* Errors against a truth that is known only through two noisy references. Here the truth is known: an image of 40 x 30
  * pixels with values of 0.2 to 1.2; noise is even, of a stated standard deviation, independent in every channel. */
 #include "measure/chart/errors.h"
 #include "measure/chart/judge.h"
@@ -14,7 +14,7 @@ static float truth[VALUES];
 static uint8_t everything[PIXELS];
 
 /* truth * scale + noise, seed by seed. */
-static void make_picture(float *out, uint64_t seed, double scale, double sigma)
+static void make_image(float *out, uint64_t seed, double scale, double sigma)
 {
     struct rng r = { rng_mix(seed, 77) };
     for (int v = 0; v < VALUES; v++)
@@ -32,8 +32,8 @@ static void make_truth(void)
 static struct judge make_judge(float *a, float *b, uint64_t seed, double sigma)
 {
     struct judge j;
-    make_picture(a, rng_mix(seed, 1), 1.0, sigma);
-    make_picture(b, rng_mix(seed, 2), 1.0, sigma);
+    make_image(a, rng_mix(seed, 1), 1.0, sigma);
+    make_image(b, rng_mix(seed, 2), 1.0, sigma);
     assert_int_equal(judge_init(&j, a, b, everything, WIDTH, HEIGHT, NULL), ERR_OK);
     return j;
 }
@@ -51,7 +51,7 @@ static double error_by_definition(const float *x)
     return sum;
 }
 
-/* A picture of noise 0.02 against 400 pairs of references that are as noisy as itself. The mean of its errors is that
+/* An image of noise 0.02 against 400 pairs of references that are as noisy as itself. The mean of its errors is that
  * of the definition within 4 standard errors, which are asserted to be below 0.5 % of it. What stays is the noise in
  * the weights, which is of the order sigma^2 / r^2: 1 % is granted to it. Squares of differences from the mean
  * reference are half as large again, which the last line shows. */
@@ -64,7 +64,7 @@ static void error_is_right_in_the_mean_though_references_are_noisy(void **state)
     (void)state;
 
     make_truth();
-    make_picture(x, 1, 1.0, sigma);
+    make_image(x, 1, 1.0, sigma);
     const double want = error_by_definition(x);
     for (int k = 0; k < pairs; k++) {
         struct judge j = make_judge(a, b, 100 + (uint64_t)k, sigma);
@@ -84,9 +84,9 @@ static void error_is_right_in_the_mean_though_references_are_noisy(void **state)
     assert_true(naive > 1.4 * want);
 }
 
-/* `doubt` is the standard deviation of a perfect picture's error, and its mean is 0: over 400 pairs the standard
+/* `doubt` is the standard deviation of a perfect image's error, and its mean is 0: over 400 pairs the standard
  * deviation is known to 3.5 %, so that a factor of 1.2 either way is told. */
-static void doubt_is_how_a_perfect_pictures_error_scatters(void **state)
+static void doubt_is_how_a_perfect_images_error_scatters(void **state)
 {
     static float a[VALUES], b[VALUES];
     const int pairs = 400;
@@ -121,15 +121,15 @@ static struct floors judge_trials(int trials, double scale, double sigma)
 
     for (int k = 0; k < trials; k++) {
         struct judge j = make_judge(a, b, 5000 + (uint64_t)k, 0.01);
-        const float *pictures[SEEDS];
+        const float *images[SEEDS];
         double pairs[SEEDS * SEEDS], energy[SEEDS];
         struct judge_floor f;
         for (int s = 0; s < SEEDS; s++) {
-            make_picture(x[s], rng_mix(9000 + (uint64_t)k, (uint64_t)s), scale, sigma);
-            pictures[s] = x[s];
+            make_image(x[s], rng_mix(9000 + (uint64_t)k, (uint64_t)s), scale, sigma);
+            images[s] = x[s];
             energy[s] = judge_energy(&j, x[s]);
         }
-        judge_pairs(&j, pictures, SEEDS, pairs);
+        judge_pairs(&j, images, SEEDS, pairs);
         judge_floor(&j, pairs, energy, SEEDS, &f);
         all.bias += f.bias / trials;
         all.variance += f.variance / trials;
@@ -143,7 +143,7 @@ static struct floors judge_trials(int trials, double scale, double sigma)
     return all;
 }
 
-/* Pictures of noise 0.1 that are 3 % too bright: bias squared is 9e-4, a fortieth of the variance. It is found in each
+/* Images of noise 0.1 that are 3 % too bright: bias squared is 9e-4, a fortieth of the variance. It is found in each
  * of 40 trials with z above 3, while of 40 without it none exceeds 3.5 (of 40 normal numbers one does once in a hundred
  * runs; the seeds are fixed) and the mean square of z, 1 for a normal number, is below 1.9, four of its standard errors
  * above. */
@@ -165,7 +165,7 @@ static void planted_bias_is_told_from_variance(void **state)
 static void noise_alone_is_the_variance(void **state)
 {
     static float a[VALUES], b[VALUES], x[SEEDS][VALUES];
-    const float *pictures[SEEDS];
+    const float *images[SEEDS];
     double pairs[SEEDS * SEEDS], energy[SEEDS], errors[ERROR_KINDS * SEEDS], sum = 0.0;
     struct judge_floor f;
     (void)state;
@@ -173,13 +173,13 @@ static void noise_alone_is_the_variance(void **state)
     make_truth();
     struct judge j = make_judge(a, b, 3, 0.01);
     for (int s = 0; s < SEEDS; s++) {
-        make_picture(x[s], rng_mix(4, (uint64_t)s), 2.0, 0.1);
-        pictures[s] = x[s];
+        make_image(x[s], rng_mix(4, (uint64_t)s), 2.0, 0.1);
+        images[s] = x[s];
         energy[s] = 2.0;
     }
-    judge_pairs(&j, pictures, SEEDS, pairs);
+    judge_pairs(&j, images, SEEDS, pairs);
     judge_floor(&j, pairs, energy, SEEDS, &f);
-    assert_int_equal(errors_of(&j, everything, pictures, pairs, SEEDS, errors), ERR_OK);
+    assert_int_equal(errors_of(&j, everything, images, pairs, SEEDS, errors), ERR_OK);
     for (int s = 0; s < SEEDS; s++)
         sum += errors[ERROR_NOISE * SEEDS + s] / SEEDS;
     assert_true(fabs(sum / f.variance - 1.0) < 1e-9);
@@ -195,7 +195,7 @@ static void what_is_no_number_is_infinitely_wrong(void **state)
 
     make_truth();
     struct judge j = make_judge(a, b, 3, 0.01);
-    make_picture(x, 1, 1.0, 0.1);
+    make_image(x, 1, 1.0, 0.1);
     x[500] = NAN;
     assert_true(isinf(judge_error(&j, x)));
     x[500] = INFINITY;
@@ -211,7 +211,7 @@ static void pixels_that_are_left_out_do_not_count(void **state)
     (void)state;
 
     make_truth();
-    make_picture(x, 1, 1.0, 0.1);
+    make_image(x, 1, 1.0, 0.1);
     memset(mask, 1, sizeof(mask));
     mask[7] = 0;
     assert_int_equal(judge_init(&j, truth, truth, mask, WIDTH, HEIGHT, NULL), ERR_OK);
@@ -233,7 +233,7 @@ static void pixels_that_are_left_out_do_not_count(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(error_is_right_in_the_mean_though_references_are_noisy),
-    cmocka_unit_test(doubt_is_how_a_perfect_pictures_error_scatters),
+    cmocka_unit_test(doubt_is_how_a_perfect_images_error_scatters),
     cmocka_unit_test(planted_bias_is_told_from_variance),
     cmocka_unit_test(noise_alone_is_the_variance),
     cmocka_unit_test(what_is_no_number_is_infinitely_wrong),

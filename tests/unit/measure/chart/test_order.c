@@ -14,7 +14,7 @@ enum { FACES_UNIFORM, FACES, MIS, CURVES, SEEDS = 64 };
 
 static struct panel *measure(const char *sky, const uint32_t *budgets, uint32_t count)
 {
-    const struct set_desc stage = { .width = 20, .height = 11 };
+    const struct prepared_scene_desc stage = { .width = 20, .height = 11 };
     const struct source_desc from = { .spec = sky };
     struct frame frame = { .kind = FRAME_NONE };
     struct source *source;
@@ -30,7 +30,7 @@ static struct panel *measure(const char *sky, const uint32_t *budgets, uint32_t 
         .techniques = "faces-uniform,faces,mis",
         .truth_samples = 128,
     };
-    struct set *set;
+    struct prepared_scene *set;
     struct panel *p = NULL;
 
     set = set_of(&stage);
@@ -65,7 +65,7 @@ static double mean_log(const struct panel *p, size_t curve, uint32_t budget, dou
 }
 
 /* At 32 and 64 samples: each of the two steps lowers the noise, by more than 3 of its standard errors, which are those
- * of a geometric mean over 64 seeds; all points of a picture share their light samples, so that a seed is one
+ * of a geometric mean over 64 seeds; all points of an image share their light samples, so that a seed is one
  * observation. Four comparisons: by chance once in two hundred sets of seeds, and these are fixed. A method that lowers
  * the noise by half is found; measured were 0.4 to 0.6 for the first step, 0.2 to 0.3 for the second. */
 static void faces_beat_even_faces_and_lobes_beat_both(void **state)

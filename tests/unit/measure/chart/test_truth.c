@@ -13,7 +13,7 @@
 enum { WIDTH = 16, HEIGHT = 9, VALUES = 3 * WIDTH * HEIGHT };
 
 struct stage {
-    struct set *set;
+    struct prepared_scene *set;
     struct environment *environment;
     struct frame frame;
     char cache[64];
@@ -21,7 +21,7 @@ struct stage {
 
 static void stage_begin(struct stage *s, const char *sky)
 {
-    const struct set_desc d = { .width = WIDTH, .height = HEIGHT };
+    const struct prepared_scene_desc d = { .width = WIDTH, .height = HEIGHT };
     const struct source_desc from = { .spec = sky };
     struct source *source;
     struct reason why;

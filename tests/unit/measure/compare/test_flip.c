@@ -22,11 +22,11 @@
 #define C_MAX 41.2761
 static const double black_white = 0.95 + 0.05 * (25.118864315 - 0.4 * C_MAX) / (0.6 * C_MAX);
 
-struct picture {
+struct sent_image {
     float rgb[COUNT][3];
 };
 
-static void fill(struct picture *p, float r, float g, float b)
+static void fill(struct sent_image *p, float r, float g, float b)
 {
     for (size_t i = 0; i < COUNT; i++) {
         p->rgb[i][0] = r;
@@ -35,7 +35,7 @@ static void fill(struct picture *p, float r, float g, float b)
     }
 }
 
-static void scatter(struct picture *p, uint64_t seed)
+static void scatter(struct sent_image *p, uint64_t seed)
 {
     struct rng r = { seed };
     for (size_t i = 0; i < COUNT; i++)
@@ -43,7 +43,8 @@ static void scatter(struct picture *p, uint64_t seed)
             p->rgb[i][k] = (float)rng_next(&r);
 }
 
-static double between(const struct picture *x, const struct picture *r, const uint8_t *mask, double ppd, float *map)
+static double between(const struct sent_image *x, const struct sent_image *r, const uint8_t *mask, double ppd,
+                      float *map)
 {
     struct flip_view a, b;
     assert_true(flip_view_init(&a, &x->rgb[0][0], WIDTH, HEIGHT, ppd));
@@ -54,9 +55,9 @@ static double between(const struct picture *x, const struct picture *r, const ui
     return mean;
 }
 
-static void a_picture_does_not_differ_from_itself(void **state)
+static void an_image_does_not_differ_from_itself(void **state)
 {
-    static struct picture p;
+    static struct sent_image p;
     static float map[COUNT];
     (void)state;
 
@@ -68,7 +69,7 @@ static void a_picture_does_not_differ_from_itself(void **state)
 
 static void green_and_blue_differ_as_much_as_can_be(void **state)
 {
-    static struct picture green, blue;
+    static struct sent_image green, blue;
     (void)state;
 
     fill(&green, 0.0f, 1.0f, 0.0f);
@@ -80,7 +81,7 @@ static void green_and_blue_differ_as_much_as_can_be(void **state)
 /* Grey is as it was after any blur; L* of 0.18 is 49.496. */
 static void greys_are_the_formula(void **state)
 {
-    static struct picture black, white, grey;
+    static struct sent_image black, white, grey;
     const double l = 116.0 * cbrt(0.18) - 16.0, l_less = 116.0 * cbrt(0.17) - 16.0;
     (void)state;
 
@@ -97,7 +98,7 @@ static void greys_are_the_formula(void **state)
 /* Both features of it are sqrt(2) after the sum of squares over two axes: the exponent becomes 0. */
 static void a_lone_pixel_that_comes_counts_all(void **state)
 {
-    static struct picture black, dot;
+    static struct sent_image black, dot;
     static float map[COUNT];
     const size_t at = 7 * WIDTH + 9;
     (void)state;
@@ -113,7 +114,7 @@ static void a_lone_pixel_that_comes_counts_all(void **state)
 /* An ideal edge is found with strength 1 on both its sides; its point filter says 1/2. */
 static void an_edge_that_comes_counts_more_than_its_colour(void **state)
 {
-    static struct picture black, half;
+    static struct sent_image black, half;
     static float map[COUNT];
     const double beside = pow(black_white, 1.0 - sqrt(1.0 / sqrt(2.0)));
     (void)state;
@@ -131,7 +132,7 @@ static void an_edge_that_comes_counts_more_than_its_colour(void **state)
 
 static void it_is_between_0_and_1_and_symmetric(void **state)
 {
-    static struct picture x, r;
+    static struct sent_image x, r;
     static float there[COUNT], back[COUNT];
     (void)state;
 
@@ -150,10 +151,10 @@ static void it_is_between_0_and_1_and_symmetric(void **state)
 }
 
 /* A checkerboard against the grey that it has in mean light: plain from near, next to nothing where 67 pixels make a
- * degree (within the picture: at its border it goes on as its last pixels do). */
+ * degree (within the image: at its border it goes on as its last pixels do). */
 static void what_is_too_fine_to_see_counts_little(void **state)
 {
-    static struct picture board, grey;
+    static struct sent_image board, grey;
     static uint8_t inner[COUNT];
     static float map[COUNT];
     (void)state;
@@ -183,7 +184,7 @@ static double root(double t)
 
 /* The colour pipeline at one pixel, straight from its definition: two-dimensional kernels, no clipping needed because
  * the colours are mild. Gaussians as sigma in degrees: b = 2 pi^2 sigma^2. */
-static void colour_at(const struct picture *p, int x, int y, double ppd, double lab[3])
+static void colour_at(const struct sent_image *p, int x, int y, double ppd, double lab[3])
 {
     static const double a[3][2] = { { 1.0, 0.0 }, { 1.0, 0.0 }, { 34.1, 13.5 } };
     static const double b[3][2] = { { 0.0047, 1.0 }, { 0.0053, 1.0 }, { 0.04, 0.025 } };
@@ -219,7 +220,7 @@ static void colour_at(const struct picture *p, int x, int y, double ppd, double 
 /* The matrices differ in the fifth digit: 0.01 of L*a*b*'s units is far below what is seen. */
 static void the_eyes_blur_is_its_definition(void **state)
 {
-    static struct picture p;
+    static struct sent_image p;
     static const int at[][2] = { { 0, 0 }, { 20, 14 }, { 40, 3 }, { 7, 28 } };
     struct flip_view v;
     (void)state;
@@ -240,7 +241,7 @@ static void the_eyes_blur_is_its_definition(void **state)
 
 static void the_mask_leaves_pixels_out(void **state)
 {
-    static struct picture x, r;
+    static struct sent_image x, r;
     static uint8_t mask[COUNT];
     static float map[COUNT];
     double mean;
@@ -259,7 +260,7 @@ static void the_mask_leaves_pixels_out(void **state)
 
 static void what_is_no_number_is_black_and_too_bright_is_white(void **state)
 {
-    static struct picture odd, plain;
+    static struct sent_image odd, plain;
     (void)state;
 
     scatter(&odd, 3);
@@ -274,7 +275,7 @@ static void what_is_no_number_is_black_and_too_bright_is_white(void **state)
 
 static void exposure_of_the_reference_is_that_of_both(void **state)
 {
-    static struct picture x, r;
+    static struct sent_image x, r;
     double alike, stops;
     (void)state;
 
@@ -292,7 +293,7 @@ static void exposure_of_the_reference_is_that_of_both(void **state)
 
 static void threads_do_not_change_a_bit(void **state)
 {
-    static struct picture x, r;
+    static struct sent_image x, r;
     const int threads = omp_get_max_threads();
     double one, five;
     (void)state;
@@ -308,7 +309,7 @@ static void threads_do_not_change_a_bit(void **state)
 }
 
 /* Narrower than every kernel. */
-static void a_picture_of_one_pixel_is_its_colour(void **state)
+static void an_image_of_one_pixel_is_its_colour(void **state)
 {
     const float white[3] = { 1.0f, 1.0f, 1.0f }, black[3] = { 0.0f, 0.0f, 0.0f };
     struct flip_view a, b;
@@ -322,7 +323,7 @@ static void a_picture_of_one_pixel_is_its_colour(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(a_picture_does_not_differ_from_itself),
+    cmocka_unit_test(an_image_does_not_differ_from_itself),
     cmocka_unit_test(green_and_blue_differ_as_much_as_can_be),
     cmocka_unit_test(greys_are_the_formula),
     cmocka_unit_test(a_lone_pixel_that_comes_counts_all),
@@ -334,7 +335,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(what_is_no_number_is_black_and_too_bright_is_white),
     cmocka_unit_test(exposure_of_the_reference_is_that_of_both),
     cmocka_unit_test(threads_do_not_change_a_bit),
-    cmocka_unit_test(a_picture_of_one_pixel_is_its_colour),
+    cmocka_unit_test(an_image_of_one_pixel_is_its_colour),
 };
 
 UNIT_MAIN(tests)

@@ -11,11 +11,11 @@
 #define HEIGHT 10
 #define COUNT (WIDTH * HEIGHT)
 
-struct picture {
+struct sent_image {
     float rgb[COUNT][3];
 };
 
-static void fill(struct picture *p, float r, float g, float b)
+static void fill(struct sent_image *p, float r, float g, float b)
 {
     for (size_t i = 0; i < COUNT; i++) {
         p->rgb[i][0] = r;
@@ -24,7 +24,7 @@ static void fill(struct picture *p, float r, float g, float b)
     }
 }
 
-static void scatter(struct picture *p, uint64_t seed)
+static void scatter(struct sent_image *p, uint64_t seed)
 {
     struct rng r = { seed };
     for (size_t i = 0; i < COUNT; i++)
@@ -32,7 +32,7 @@ static void scatter(struct picture *p, uint64_t seed)
             p->rgb[i][k] = (float)(0.05 + rng_next(&r));
 }
 
-static struct metrics compare(const struct picture *x, const struct picture *r, const uint8_t *mask, double trim,
+static struct metrics compare(const struct sent_image *x, const struct sent_image *r, const uint8_t *mask, double trim,
                               float *map)
 {
     struct metrics m;
@@ -40,9 +40,9 @@ static struct metrics compare(const struct picture *x, const struct picture *r, 
     return m;
 }
 
-static void equal_pictures_differ_by_nothing(void **state)
+static void equal_images_differ_by_nothing(void **state)
 {
-    static struct picture r;
+    static struct sent_image r;
     (void)state;
 
     scatter(&r, 1);
@@ -57,7 +57,7 @@ static void equal_pictures_differ_by_nothing(void **state)
 /* r = 2, x = 2.2: 0.04 / (4 + 0.01 * 4). */
 static void relmse_is_the_formula_on_constants(void **state)
 {
-    static struct picture x, r;
+    static struct sent_image x, r;
     (void)state;
 
     fill(&x, 2.2f, 2.2f, 2.2f);
@@ -71,7 +71,7 @@ static void relmse_is_the_formula_on_constants(void **state)
 /* The softening term takes the mean over all channels, (3 + 0 + 0) / 3 = 1, and each channel counts a third. */
 static void relmse_takes_one_mean_over_all_channels(void **state)
 {
-    static struct picture x, r;
+    static struct sent_image x, r;
     (void)state;
 
     fill(&x, 3.0f, 0.1f, 0.0f);
@@ -81,7 +81,7 @@ static void relmse_takes_one_mean_over_all_channels(void **state)
 
 static void trim_leaves_out_the_worst_pixels_only(void **state)
 {
-    static struct picture x, r;
+    static struct sent_image x, r;
     (void)state;
 
     scatter(&r, 2);
@@ -101,7 +101,7 @@ static void trim_leaves_out_the_worst_pixels_only(void **state)
 
 static void masked_pixels_count_nowhere(void **state)
 {
-    static struct picture x, r, small_x, small_r;
+    static struct sent_image x, r, small_x, small_r;
     static uint8_t mask[COUNT];
     static float map[COUNT];
     (void)state;
@@ -132,7 +132,7 @@ static void masked_pixels_count_nowhere(void **state)
 
 static void error_map_averages_to_relmse(void **state)
 {
-    static struct picture x, r;
+    static struct sent_image x, r;
     static float map[COUNT];
     double sum = 0.0;
     (void)state;
@@ -148,7 +148,7 @@ static void error_map_averages_to_relmse(void **state)
 /* A constant reference is shown at 0.18, whose lightness is 49.496; black is 0 and white 100. */
 static void delta_e_of_greys_is_their_lightness(void **state)
 {
-    static struct picture x, r;
+    static struct sent_image x, r;
     (void)state;
 
     fill(&r, 7.0f, 7.0f, 7.0f);
@@ -161,7 +161,7 @@ static void delta_e_of_greys_is_their_lightness(void **state)
 static void delta_e_of_pure_colours_is_that_of_the_tables(void **state)
 {
     static const double lab[3][3] = { { 53.24, 80.09, 67.20 }, { 87.73, -86.18, 83.18 }, { 32.30, 79.19, -107.86 } };
-    static struct picture x, black;
+    static struct sent_image x, black;
     (void)state;
 
     for (int k = 0; k < 3; k++) {
@@ -173,7 +173,7 @@ static void delta_e_of_pure_colours_is_that_of_the_tables(void **state)
 
 static void black_reference_and_no_numbers_are_infinitely_wrong(void **state)
 {
-    static struct picture x, r, black;
+    static struct sent_image x, r, black;
     static float map[COUNT];
     (void)state;
 
@@ -192,7 +192,7 @@ static void black_reference_and_no_numbers_are_infinitely_wrong(void **state)
 
 static void numbers_have_the_same_bits_at_any_thread_count(void **state)
 {
-    static struct picture x, r;
+    static struct sent_image x, r;
     (void)state;
 
     scatter(&x, 8);
@@ -207,7 +207,7 @@ static void numbers_have_the_same_bits_at_any_thread_count(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(equal_pictures_differ_by_nothing),
+    cmocka_unit_test(equal_images_differ_by_nothing),
     cmocka_unit_test(relmse_is_the_formula_on_constants),
     cmocka_unit_test(relmse_takes_one_mean_over_all_channels),
     cmocka_unit_test(trim_leaves_out_the_worst_pixels_only),

@@ -233,7 +233,7 @@ static void welcome_says_what_it_is_told(void **state)
     message_free(text);
 }
 
-static void status_has_every_place_where_pictures_are_published(void **state)
+static void status_has_every_place_where_images_are_published(void **state)
 {
     const struct server_figures status = { .publish_count = 2,
                                            .publish = { { .to = "rtmp://a/",
@@ -261,6 +261,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(close_reasons_fit_a_close_frame),
     cmocka_unit_test(close_codes_are_those_of_the_protocol),
     cmocka_unit_test(welcome_says_what_it_is_told),
-    cmocka_unit_test(status_has_every_place_where_pictures_are_published),
+    cmocka_unit_test(status_has_every_place_where_images_are_published),
 };
 UNIT_MAIN(tests)

@@ -1,30 +1,30 @@
 #include "net/publish/queue.h"
 
-#include "net/stream/picture.h"
+#include "net/stream/sent_image.h"
 #include "support/unit.h"
 
 #include <time.h>
 
-/* The payload of picture n is `size` bytes; its time is n. */
+/* The payload of image n is `size` bytes; its time is n. */
 static void push(struct publish_queue *q, int n, bool key, size_t size)
 {
     static const uint8_t bytes[PUBLISH_QUEUE_BYTES];
     const struct protocol_picture header = { .format = PROTOCOL_H264 };
-    struct picture *p = picture_create(&header, bytes, size);
+    struct sent_image *p = image_create(&header, bytes, size);
 
     assert_non_null(p);
     publish_queue_push(q, &(struct publish_entry){ p, n, key });
-    picture_unref(p); /* the queue has a reference of its own */
+    image_unref(p); /* the queue has a reference of its own */
 }
 
-/* The number of the next picture; -1: none. */
+/* The number of the next image; -1: none. */
 static int take(struct publish_queue *q, bool *key)
 {
     struct publish_entry e;
 
     if (!publish_queue_take(q, &e, 0))
         return -1;
-    picture_unref(e.picture);
+    image_unref(e.picture);
     *key = e.key;
     return (int)e.time_us;
 }
@@ -37,7 +37,7 @@ static struct publish_queue *begin(struct publish_queue *q)
     return q;
 }
 
-/* Takes all: each follows the one before, or is a key picture. Returns how many there were. */
+/* Takes all: each follows the one before, or is a key image. Returns how many there were. */
 static int drain(struct publish_queue *q, int *last)
 {
     int count = 0, n;
@@ -51,7 +51,7 @@ static int drain(struct publish_queue *q, int *last)
     return count;
 }
 
-static void nothing_is_taken_before_a_key_picture(void **state)
+static void nothing_is_taken_before_a_key_image(void **state)
 {
     static struct publish_queue q;
     bool key, wants_key;
@@ -70,10 +70,10 @@ static void nothing_is_taken_before_a_key_picture(void **state)
     publish_queue_finish(&q);
 }
 
-static void full_queue_drops_up_to_the_next_key_picture(void **state)
+static void full_queue_drops_up_to_the_next_key_image(void **state)
 {
     static struct publish_queue q;
-    const int keys = 50; /* a key picture every so many */
+    const int keys = 50; /* a key image every so many */
     int last = -1;
     (void)state;
 
@@ -87,7 +87,7 @@ static void full_queue_drops_up_to_the_next_key_picture(void **state)
     publish_queue_finish(&q);
 }
 
-static void without_a_key_picture_all_is_dropped_until_one_comes(void **state)
+static void without_a_key_image_all_is_dropped_until_one_comes(void **state)
 {
     static struct publish_queue q;
     bool key, wants_key;
@@ -109,7 +109,7 @@ static void without_a_key_picture_all_is_dropped_until_one_comes(void **state)
     publish_queue_finish(&q);
 }
 
-static void bytes_are_bounded_but_one_large_picture_is_taken(void **state)
+static void bytes_are_bounded_but_one_large_image_is_taken(void **state)
 {
     static struct publish_queue q;
     const size_t third = PUBLISH_QUEUE_BYTES / 3;
@@ -187,17 +187,17 @@ static void stopped_queue_holds_nothing(void **state)
     push(&q, 1, true, 10);
     assert_int_equal(take(&q, &key), -1);
     publish_queue_open(&q, true);
-    push(&q, 2, false, 10); /* a new reader starts at a key picture */
+    push(&q, 2, false, 10); /* a new reader starts at a key image */
     assert_int_equal(take(&q, &key), -1);
     assert_int_equal(publish_queue_dropped(&q), 0);
     publish_queue_finish(&q);
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(nothing_is_taken_before_a_key_picture),
-    cmocka_unit_test(full_queue_drops_up_to_the_next_key_picture),
-    cmocka_unit_test(without_a_key_picture_all_is_dropped_until_one_comes),
-    cmocka_unit_test(bytes_are_bounded_but_one_large_picture_is_taken),
+    cmocka_unit_test(nothing_is_taken_before_a_key_image),
+    cmocka_unit_test(full_queue_drops_up_to_the_next_key_image),
+    cmocka_unit_test(without_a_key_image_all_is_dropped_until_one_comes),
+    cmocka_unit_test(bytes_are_bounded_but_one_large_image_is_taken),
     cmocka_unit_test(any_order_of_pushes_and_takes_keeps_chains_whole),
     cmocka_unit_test(closed_queue_wakes_its_reader_and_takes_nothing),
     cmocka_unit_test(stopped_queue_holds_nothing),

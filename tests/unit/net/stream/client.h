@@ -274,7 +274,7 @@ static inline void client_expect(struct client *c, const char *op)
     json_decref(object);
 }
 
-/* Passes over texts until a picture; the sequence number, or 0. Its header stays in *h. */
+/* Passes over texts until an image; the sequence number, or 0. Its header stays in *h. */
 static inline uint64_t client_picture(struct client *c, struct protocol_picture *h, int wait_ms)
 {
     struct timespec begun, now;
@@ -324,7 +324,7 @@ static inline void client_ack(struct client *c, uint64_t sequence)
     client_say(c, text);
 }
 
-/* A picture of `size` bytes that all depend on `frame`. */
+/* An image of `size` bytes that all depend on `frame`. */
 static inline void publish(struct server *s, uint64_t frame, size_t size)
 {
     const struct protocol_picture header = {
@@ -340,7 +340,7 @@ static inline void publish(struct server *s, uint64_t frame, size_t size)
     assert_non_null(bytes);
     for (size_t i = 0; i < size; i++)
         bytes[i] = (uint8_t)(frame * 31 + i * 7);
-    struct picture *p = picture_create(&header, bytes, size);
+    struct sent_image *p = image_create(&header, bytes, size);
     free(bytes);
     assert_non_null(p);
     server_publish(s, p);

@@ -150,14 +150,14 @@ static inline void take(struct server *s, struct frame *f, struct server_ticket 
     assert_int_equal(f->number, number);
 }
 
-/* A picture of that frame, for its ticket. */
+/* An image of that frame, for its ticket. */
 static inline void publish_for(struct server *s, enum protocol_format format, uint64_t frame,
                                const struct server_ticket *t)
 {
     const struct protocol_picture header = {
         .format = format, .frame = frame, .capture_us = (int64_t)frame * 1000, .width = 4, .height = 4
     };
-    struct picture *p = picture_create(&header, (const uint8_t *)"picture", 7);
+    struct sent_image *p = image_create(&header, (const uint8_t *)"picture", 7);
 
     assert_non_null(p);
     server_publish_for(s, p, t);

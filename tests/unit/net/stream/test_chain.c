@@ -1,4 +1,4 @@
-/* PROTOCOL.md 5.11: pictures of H.264, of which each but a key picture needs the one before. What is inside them no
+/* PROTOCOL.md 5.11: images of H.264, of which each but a key image needs the one before. What is inside them no
  * server looks at. */
 #include "net/stream/client.h"
 
@@ -20,10 +20,10 @@ static void publish_track(struct server *s, unsigned track, uint64_t frame, bool
     uint8_t *bytes = calloc(size, 1);
 
     assert_non_null(bytes);
-    struct picture *p = picture_create(&header, bytes, size);
+    struct sent_image *p = image_create(&header, bytes, size);
     free(bytes);
     assert_non_null(p);
-    picture_set_track(p, track);
+    image_set_track(p, track);
     server_publish(s, p);
 }
 
@@ -128,7 +128,7 @@ static void a_recorder_gets_no_h264(void **state)
     server_destroy(s);
 }
 
-static void a_viewer_begins_at_a_key_picture_and_asks_for_it(void **state)
+static void a_viewer_begins_at_a_key_image_and_asks_for_it(void **state)
 {
     (void)state;
     struct server *s = start();
@@ -150,7 +150,7 @@ static void a_viewer_begins_at_a_key_picture_and_asks_for_it(void **state)
     server_destroy(s);
 }
 
-static void a_viewer_that_is_a_little_behind_gets_every_picture(void **state)
+static void a_viewer_that_is_a_little_behind_gets_every_image(void **state)
 {
     (void)state;
     struct server *s = start();
@@ -174,7 +174,7 @@ static void a_viewer_that_is_a_little_behind_gets_every_picture(void **state)
     server_destroy(s);
 }
 
-static void who_has_missed_one_goes_on_at_a_key_picture_when_the_line_is_clear(void **state)
+static void who_has_missed_one_goes_on_at_a_key_image_when_the_line_is_clear(void **state)
 {
     (void)state;
     struct server *s = start();
@@ -190,7 +190,7 @@ static void who_has_missed_one_goes_on_at_a_key_picture_when_the_line_is_clear(v
         expect(&c, k);
     for (; n <= 60; n++)
         publish_h264(s, n, false, 1000);
-    client_ack(&c, 8); /* eight are still under way: a key picture would have to wait behind them */
+    client_ack(&c, 8); /* eight are still under way: a key image would have to wait behind them */
     expect_nothing(&c);
     assert_false(key_wanted(s));
     client_ack(&c, PROTOCOL_CREDIT_H264 - 1);
@@ -206,7 +206,7 @@ static void who_has_missed_one_goes_on_at_a_key_picture_when_the_line_is_clear(v
     server_destroy(s);
 }
 
-static void pictures_that_are_late_are_not_added_to_those_under_way(void **state)
+static void images_that_are_late_are_not_added_to_those_under_way(void **state)
 {
     (void)state;
     struct server *s = start();
@@ -229,7 +229,7 @@ static void pictures_that_are_late_are_not_added_to_those_under_way(void **state
     server_destroy(s);
 }
 
-static void who_comes_while_a_key_picture_is_kept_asks_for_none(void **state)
+static void who_comes_while_a_key_image_is_kept_asks_for_none(void **state)
 {
     (void)state;
     struct server *s = start();
@@ -287,7 +287,7 @@ static void who_subscribes_again_or_resumes_begins_anew(void **state)
     server_destroy(s);
 }
 
-static void the_kinds_of_picture_do_not_mix(void **state)
+static void the_kinds_of_image_do_not_mix(void **state)
 {
     (void)state;
     struct server *s = start();
@@ -391,7 +391,7 @@ static void each_track_is_a_chain_of_its_own(void **state)
     expect(&whole, 1);
     expect_nothing(&small);
     server_demand(s, &demand);
-    assert_int_equal(demand.h264_keys, 1u << slow); /* the other one's key picture is not its own */
+    assert_int_equal(demand.h264_keys, 1u << slow); /* the other one's key image is not its own */
     for (uint64_t n = 2; n <= 9; n++)
         publish_h264(s, n, false, 1000);
     publish_track(s, slow, 9, true, 500);
@@ -401,7 +401,7 @@ static void each_track_is_a_chain_of_its_own(void **state)
     publish_track(s, slow, 12, false, 500);
     expect(&small, 2);
     expect_nothing(&whole);
-    client_say(&small, "{\"op\":\"subscribe\",\"format\":\"h264\"}"); /* with the others: their key picture is kept */
+    client_say(&small, "{\"op\":\"subscribe\",\"format\":\"h264\"}"); /* with the others: their key image is kept */
     client_expect(&small, "subscribed");
     for (uint64_t n = 1; n <= 9; n++)
         expect(&small, n);
@@ -411,13 +411,13 @@ static void each_track_is_a_chain_of_its_own(void **state)
     server_destroy(s);
 }
 
-static void a_picture_of_another_size_takes_its_viewers_along(void **state)
+static void an_image_of_another_size_takes_its_viewers_along(void **state)
 {
     struct server *s = start();
     struct client c;
     (void)state;
 
-    client_greet(&c, s); /* before anybody knows how large pictures are */
+    client_greet(&c, s); /* before anybody knows how large images are */
     client_say(&c, "{\"op\":\"subscribe\",\"format\":\"h264\",\"max_width\":100}");
     client_expect(&c, "subscribed");
     assert_int_equal(watched(s), 1);
@@ -439,15 +439,15 @@ static void a_picture_of_another_size_takes_its_viewers_along(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(h264_is_offered_where_it_is_made_and_only_there),
     cmocka_unit_test(a_recorder_gets_no_h264),
-    cmocka_unit_test(a_viewer_begins_at_a_key_picture_and_asks_for_it),
-    cmocka_unit_test(a_viewer_that_is_a_little_behind_gets_every_picture),
-    cmocka_unit_test(who_has_missed_one_goes_on_at_a_key_picture_when_the_line_is_clear),
-    cmocka_unit_test(pictures_that_are_late_are_not_added_to_those_under_way),
-    cmocka_unit_test(who_comes_while_a_key_picture_is_kept_asks_for_none),
+    cmocka_unit_test(a_viewer_begins_at_a_key_image_and_asks_for_it),
+    cmocka_unit_test(a_viewer_that_is_a_little_behind_gets_every_image),
+    cmocka_unit_test(who_has_missed_one_goes_on_at_a_key_image_when_the_line_is_clear),
+    cmocka_unit_test(images_that_are_late_are_not_added_to_those_under_way),
+    cmocka_unit_test(who_comes_while_a_key_image_is_kept_asks_for_none),
     cmocka_unit_test(who_subscribes_again_or_resumes_begins_anew),
-    cmocka_unit_test(the_kinds_of_picture_do_not_mix),
+    cmocka_unit_test(the_kinds_of_image_do_not_mix),
     cmocka_unit_test(a_wish_for_rate_and_size_comes_to_a_track),
     cmocka_unit_test(each_track_is_a_chain_of_its_own),
-    cmocka_unit_test(a_picture_of_another_size_takes_its_viewers_along),
+    cmocka_unit_test(an_image_of_another_size_takes_its_viewers_along),
 };
 UNIT_MAIN(tests)

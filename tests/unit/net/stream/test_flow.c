@@ -18,7 +18,7 @@ static void a_viewer_that_reads_nothing_neither_delays_others_nor_grows_the_serv
     client_watch(&healthy, s);
     for (int i = 1; i <= 200; i++) {
         publish(s, (uint64_t)i, 1000000);
-        /* the healthy one gets every single picture */
+        /* the healthy one gets every single image */
         assert_int_equal(client_picture(&healthy, &h, CLIENT_WAIT_MS), i);
         client_ack(&healthy, h.sequence);
         if (i == 40)
@@ -34,7 +34,7 @@ static void a_viewer_that_reads_nothing_neither_delays_others_nor_grows_the_serv
     server_destroy(s);
 }
 
-static void a_viewer_that_wakes_up_is_at_the_newest_picture_at_once(void **state)
+static void a_viewer_that_wakes_up_is_at_the_newest_image_at_once(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
@@ -80,7 +80,7 @@ struct many {
     int id;
 };
 
-enum { MANY_PUBLISHERS = 3, MANY_PICTURES = 300 * MANY_PUBLISHERS };
+enum { MANY_PUBLISHERS = 3, MANY_IMAGES = 300 * MANY_PUBLISHERS };
 
 static void *publish_many(void *arg)
 {
@@ -96,7 +96,7 @@ static void *publish_many(void *arg)
     return NULL;
 }
 
-/* Everybody ends at the last picture. */
+/* Everybody ends at the last image. */
 static void *watch_many(void *arg)
 {
     struct many *m = arg;
@@ -104,7 +104,7 @@ static void *watch_many(void *arg)
     struct client c;
 
     client_watch(&c, m->s);
-    for (uint64_t last = 0; last < MANY_PICTURES; last = h.sequence) {
+    for (uint64_t last = 0; last < MANY_IMAGES; last = h.sequence) {
         assert_true(client_picture(&c, &h, CLIENT_WAIT_MS) > last);
         client_ack(&c, h.sequence);
     }
@@ -141,7 +141,7 @@ static void threads_publish_while_viewers_come_and_go(void **state)
     for (int i = 0; i < 8; i++)
         pthread_join(w[i], NULL);
     server_counters(s, &counters);
-    assert_int_equal(counters.published, MANY_PICTURES);
+    assert_int_equal(counters.published, MANY_IMAGES);
     assert_int_equal(counters.connections, 38);
     server_destroy(s);
 }
@@ -180,31 +180,31 @@ static void connections_that_come_and_go_leave_nothing_behind(void **state)
     server_destroy(s);
 }
 
-static void a_picture_lives_as_long_as_it_is_held(void **state)
+static void an_image_lives_as_long_as_it_is_held(void **state)
 {
     (void)state;
     const struct protocol_picture header = { .format = PROTOCOL_JPEG, .width = 1, .height = 1 };
-    struct picture *p = picture_create(&header, (const uint8_t *)"abc", 3);
+    struct sent_image *p = image_create(&header, (const uint8_t *)"abc", 3);
     size_t size = 0;
 
     assert_non_null(p);
-    assert_ptr_equal(picture_ref(p), p);
-    picture_unref(p);
-    assert_memory_equal(picture_message(p, &size) + PROTOCOL_PICTURE_BYTES, "abc", 3);
+    assert_ptr_equal(image_ref(p), p);
+    image_unref(p);
+    assert_memory_equal(image_message(p, &size) + PROTOCOL_PICTURE_BYTES, "abc", 3);
     assert_int_equal(size, PROTOCOL_PICTURE_BYTES + 3);
-    assert_int_equal(picture_header(p)->payload, 3);
-    picture_unref(p);
-    picture_unref(NULL);
-    assert_null(picture_create(&header, (const uint8_t *)"", 0));
-    assert_null(picture_create(&header, (const uint8_t *)"", PICTURE_BYTES_MAX + 1));
+    assert_int_equal(image_header(p)->payload, 3);
+    image_unref(p);
+    image_unref(NULL);
+    assert_null(image_create(&header, (const uint8_t *)"", 0));
+    assert_null(image_create(&header, (const uint8_t *)"", IMAGE_BYTES_MAX + 1));
 }
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_viewer_that_reads_nothing_neither_delays_others_nor_grows_the_server),
-    cmocka_unit_test(a_viewer_that_wakes_up_is_at_the_newest_picture_at_once),
+    cmocka_unit_test(a_viewer_that_wakes_up_is_at_the_newest_image_at_once),
     cmocka_unit_test(a_viewer_that_takes_nothing_holds_little_and_does_not_stop_the_end),
     cmocka_unit_test(threads_publish_while_viewers_come_and_go),
     cmocka_unit_test(connections_that_come_and_go_leave_nothing_behind),
-    cmocka_unit_test(a_picture_lives_as_long_as_it_is_held),
+    cmocka_unit_test(an_image_lives_as_long_as_it_is_held),
 };
 UNIT_MAIN(tests)

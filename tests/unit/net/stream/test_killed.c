@@ -10,7 +10,7 @@ struct play {
     struct server *s;
     atomic_bool over;
     unsigned seed;
-    int files[FRAMES + 2]; /* how often the picture of each frame was stored, in the recorder's "folder" */
+    int files[FRAMES + 2]; /* how often the image of each frame was stored, in the recorder's "folder" */
     int stored_last;       /* as the recorder knows across its lives: nothing but its folder */
     atomic_int deaths;
 };
@@ -134,7 +134,7 @@ static void no_frame_is_lost_or_doubled_whoever_is_killed(void **state)
         pthread_join(renderer, NULL);
         for (int i = 1; i <= FRAMES; i++)
             if (!play.files[i])
-                fail_msg("seed %u: the picture of frame %d is missing", seed, i);
+                fail_msg("seed %u: the image of frame %d is missing", seed, i);
         server_counters(play.s, &counters);
         /* Each frame was accepted once and rendered once, in two formats. */
         assert_int_equal(counters.frames_received - counters.frames_repeated, FRAMES);

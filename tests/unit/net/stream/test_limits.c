@@ -241,7 +241,7 @@ static void ten_thousand_control_messages_cost_their_sender_only(void **state)
     client_watch(&watching, s);
     atomic_store(&flooding, true);
     assert_int_equal(pthread_create(&flooder, NULL, flood, s), 0);
-    for (uint64_t n = 1; n <= 50; n++) { /* each picture arrives before the next is made: none is late or left out */
+    for (uint64_t n = 1; n <= 50; n++) { /* each image arrives before the next is made: none is late or left out */
         publish(s, n, 20000);
         assert_int_equal(client_picture(&watching, &h, CLIENT_WAIT_MS), n);
         client_ack(&watching, n);

@@ -1,4 +1,4 @@
-/* PROTOCOL.md 5.8 to 5.10: each frame of a lockstep sequence yields one picture, whoever is killed and when. */
+/* PROTOCOL.md 5.8 to 5.10: each frame of a lockstep sequence yields one image, whoever is killed and when. */
 #include "net/stream/producing.h"
 
 #include "net/stream/ingest.h"
@@ -28,7 +28,7 @@ static void a_producer_has_no_credit_before_a_recorder_has_come(void **state)
     server_destroy(s);
 }
 
-static void credit_returns_when_the_picture_is_stored_and_not_before(void **state)
+static void credit_returns_when_the_image_is_stored_and_not_before(void **state)
 {
     (void)state;
     struct server *s = push_server();
@@ -102,7 +102,7 @@ static void a_recorder_must_say_that_it_has_stored(void **state)
     server_destroy(s);
 }
 
-static void a_picture_comes_again_until_it_is_stored(void **state)
+static void an_image_comes_again_until_it_is_stored(void **state)
 {
     (void)state;
     struct server *s = push_server();
@@ -116,7 +116,7 @@ static void a_picture_comes_again_until_it_is_stored(void **state)
     produce_lockstep(&p, s, "a", &after);
     frame_send(&p, 1);
     take(s, &f, &t, 1);
-    client_shut(&r); /* killed while the picture is made */
+    client_shut(&r); /* killed while the image is made */
     COUNTER_BECOMES(s, open, 1);
     publish_for(s, PROTOCOL_JPEG, 1, &t);
     expect_fate(&p, 1, "used");
@@ -173,7 +173,7 @@ static void a_producer_goes_on_after_what_was_accepted(void **state)
     assert_int_equal(after, 7);
     publish_for(s, PROTOCOL_JPEG, 7, &t);
     expect_fate(&p, 7, "used"); /* told to whoever makes the sequence now */
-    client_shut(&p);            /* killed while the picture waits */
+    client_shut(&p);            /* killed while the image waits */
     COUNTER_BECOMES(s, open, 1);
     assert_int_equal(produce_lockstep(&p, s, "a", &after), 0);
     assert_int_equal(after, 7);
@@ -432,7 +432,7 @@ static void a_live_frame_never_overtakes_one_in_lockstep(void **state)
     server_destroy(s);
 }
 
-static void another_sequence_waits_until_the_frame_under_way_has_its_picture(void **state)
+static void another_sequence_waits_until_the_frame_under_way_has_its_image(void **state)
 {
     (void)state;
     struct server *s = push_server();
@@ -489,7 +489,7 @@ static void sixteen_names_are_remembered(void **state)
                "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":1},\"recorder\":\"one.too.many\"}");
     assert_int_equal(client_close_code(&r[16]), 4012);
     client_shut(&r[16]);
-    /* One that still owes a picture does not make way, though nobody is there. */
+    /* One that still owes an image does not make way, though nobody is there. */
     assert_int_equal(produce_lockstep(&p, s, "m0", &after), 1);
     frame_send(&p, 1);
     take(s, &f, &t, 1);
@@ -535,9 +535,9 @@ static void sixteen_names_are_remembered(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_producer_has_no_credit_before_a_recorder_has_come),
-    cmocka_unit_test(credit_returns_when_the_picture_is_stored_and_not_before),
+    cmocka_unit_test(credit_returns_when_the_image_is_stored_and_not_before),
     cmocka_unit_test(a_recorder_must_say_that_it_has_stored),
-    cmocka_unit_test(a_picture_comes_again_until_it_is_stored),
+    cmocka_unit_test(an_image_comes_again_until_it_is_stored),
     cmocka_unit_test(a_producer_goes_on_after_what_was_accepted),
     cmocka_unit_test(a_refused_frame_returns_its_credit_and_is_remembered),
     cmocka_unit_test(late_frames_are_told_their_own_fate),
@@ -545,7 +545,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_end_is_told_when_all_is_stored),
     cmocka_unit_test(the_format_stands_while_a_frame_is_under_way),
     cmocka_unit_test(a_live_frame_never_overtakes_one_in_lockstep),
-    cmocka_unit_test(another_sequence_waits_until_the_frame_under_way_has_its_picture),
+    cmocka_unit_test(another_sequence_waits_until_the_frame_under_way_has_its_image),
     cmocka_unit_test(sixteen_names_are_remembered),
 };
 UNIT_MAIN(tests)

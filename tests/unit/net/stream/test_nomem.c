@@ -1,4 +1,4 @@
-/* Memory runs out in messages, pictures, frames of producers and metrics, and while connections are served. */
+/* Memory runs out in messages, images, frames of producers and metrics, and while connections are served. */
 #include "support/nomem.h"
 
 #include "net/stream/internal.h"
@@ -84,7 +84,7 @@ static void a_server_is_started(void **state)
     nomem_each("start", begin, NULL);
 }
 
-/* A producer's frame, a picture of it and a viewer that gets that, while now and then an allocation of the server's
+/* A producer's frame, an image of it and a viewer that gets that, while now and then an allocation of the server's
  * fails. Connections may be lost for it; the server stays, and serves whoever comes when there is memory again. */
 static void it_serves_on_whatever_fails(void **state)
 {

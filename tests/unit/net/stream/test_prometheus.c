@@ -246,7 +246,7 @@ static void metrics_for_the_world_ask_for_the_viewers_token(void **state)
     server_destroy(s);
 }
 
-static void ready_when_the_scene_and_a_picture_are_there(void **state)
+static void ready_when_the_scene_and_an_image_are_there(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
@@ -270,7 +270,7 @@ static void ready_when_the_scene_and_a_picture_are_there(void **state)
 }
 
 /* A producer can only come to a server that says it can be used. */
-static void ready_for_producers_without_a_picture(void **state)
+static void ready_for_producers_without_an_image(void **state)
 {
     (void)state;
     const struct server_desc desc = { .push = true };
@@ -342,8 +342,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_networks_times_are_in_seconds),
     cmocka_unit_test(metrics_ask_for_their_token),
     cmocka_unit_test(metrics_for_the_world_ask_for_the_viewers_token),
-    cmocka_unit_test(ready_when_the_scene_and_a_picture_are_there),
-    cmocka_unit_test(ready_for_producers_without_a_picture),
+    cmocka_unit_test(ready_when_the_scene_and_an_image_are_there),
+    cmocka_unit_test(ready_for_producers_without_an_image),
     cmocka_unit_test(long_work_is_life_and_sleep_is_not),
 };
 

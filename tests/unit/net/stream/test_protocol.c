@@ -46,7 +46,7 @@ static enum protocol_result decode(const struct vector *v, size_t size, struct p
     return result;
 }
 
-static void picture_equal(const struct protocol_picture *p, const json_t *header)
+static void image_equal(const struct protocol_picture *p, const json_t *header)
 {
     assert_string_equal(formats[p->format], word_of(header, "format"));
     assert_int_equal(p->flags, number_of(header, "flags"));
@@ -132,7 +132,7 @@ static void check_decode(const struct vector *v, const char *name)
         return;
     const json_t *header = json_object_get(v->about, "header");
     if (v->picture)
-        picture_equal(&p, header);
+        image_equal(&p, header);
     else
         environment_equal(&e, header);
     payload_equal(v, offset, v->picture ? p.payload : e.payload);
@@ -224,7 +224,7 @@ static void environment_is_judged_before_its_payload_arrives(void **state)
                      PROTOCOL_LENGTH);
 }
 
-static void only_a_whole_pictures_number_is_read(void **state)
+static void only_a_whole_images_number_is_read(void **state)
 {
     const struct protocol_picture p = {
         .sequence = 77, .format = PROTOCOL_JPEG, .width = 4, .height = 3, .payload = 9
@@ -258,6 +258,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(decode_survives_any_flipped_bit),
     cmocka_unit_test(environment_is_judged_before_its_payload_arrives),
     cmocka_unit_test(every_result_has_words_and_a_clause),
-    cmocka_unit_test(only_a_whole_pictures_number_is_read),
+    cmocka_unit_test(only_a_whole_images_number_is_read),
 };
 UNIT_MAIN(tests)

@@ -1,9 +1,9 @@
-/* PROTOCOL.md section 5: which pictures a viewer gets, and when. */
+/* PROTOCOL.md section 5: which images a viewer gets, and when. */
 #include "net/stream/client.h"
 #include "net/stream/ingest.h"
 #include "net/stream/internal.h"
 
-static void a_picture_arrives_bit_for_bit(void **state)
+static void an_image_arrives_bit_for_bit(void **state)
 {
     (void)state;
     static const size_t sizes[] = { 1, 100, 65456, 65536, 65537, 200000, 3000000 };
@@ -28,7 +28,7 @@ static void a_picture_arrives_bit_for_bit(void **state)
     server_destroy(s);
 }
 
-static void who_comes_late_gets_the_last_picture_at_once(void **state)
+static void who_comes_late_gets_the_last_image_at_once(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
@@ -47,7 +47,7 @@ static void who_comes_late_gets_the_last_picture_at_once(void **state)
     server_destroy(s);
 }
 
-static void no_more_than_two_pictures_are_under_way(void **state)
+static void no_more_than_two_images_are_under_way(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
@@ -131,7 +131,7 @@ static void acks_of_a_former_format_are_passed_over(void **state)
     server_destroy(s);
 }
 
-static void a_paused_viewer_gets_no_picture_until_it_resumes(void **state)
+static void a_paused_viewer_gets_no_image_until_it_resumes(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
@@ -166,7 +166,7 @@ static void a_paused_viewer_gets_no_picture_until_it_resumes(void **state)
     server_destroy(s);
 }
 
-static void a_viewer_gets_pictures_at_the_rate_it_asked_for(void **state)
+static void a_viewer_gets_images_at_the_rate_it_asked_for(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
@@ -177,7 +177,7 @@ static void a_viewer_gets_pictures_at_the_rate_it_asked_for(void **state)
     client_greet(&c, s);
     client_say(&c, "{\"op\":\"subscribe\",\"format\":\"jpeg\",\"max_rate\":10}");
     client_expect(&c, "subscribed");
-    /* 100 pictures in a second or more: 10 a second is about 11 for each second that it takes */
+    /* 100 images in a second or more: 10 a second is about 11 for each second that it takes */
     for (int i = 1; i <= 100; i++) {
         publish(s, (uint64_t)i, 500);
         sleep_ms(10);
@@ -223,7 +223,7 @@ static void a_pause_after_watching_counts_as_no_skip(void **state)
  * before the next one; a busy machine may spoil a round, not all of them. */
 enum { ROUNDS = 8 };
 
-static void an_ack_brings_the_next_picture_without_waiting_for_a_status(void **state)
+static void an_ack_brings_the_next_image_without_waiting_for_a_status(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
@@ -251,7 +251,7 @@ static void an_ack_brings_the_next_picture_without_waiting_for_a_status(void **s
     server_destroy(s);
 }
 
-static void a_picture_held_back_by_its_rate_comes_without_waiting_for_a_status(void **state)
+static void an_image_held_back_by_its_rate_comes_without_waiting_for_a_status(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
@@ -405,7 +405,7 @@ static void all_are_told_when_the_server_goes(void **state)
 
 /* Every two seconds at a rate of a half; half a second late the next comes half a second earlier; after a pause there
  * is nothing to make up for. */
-static void a_rate_says_when_the_next_picture_is_due(void **state)
+static void a_rate_says_when_the_next_image_is_due(void **state)
 {
     (void)state;
 
@@ -456,21 +456,21 @@ static void milliseconds_are_added_to_a_time(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(a_picture_arrives_bit_for_bit),
-    cmocka_unit_test(who_comes_late_gets_the_last_picture_at_once),
-    cmocka_unit_test(no_more_than_two_pictures_are_under_way),
+    cmocka_unit_test(an_image_arrives_bit_for_bit),
+    cmocka_unit_test(who_comes_late_gets_the_last_image_at_once),
+    cmocka_unit_test(no_more_than_two_images_are_under_way),
     cmocka_unit_test(an_ack_returns_the_credit_of_all_before_it),
     cmocka_unit_test(acks_of_a_former_format_are_passed_over),
-    cmocka_unit_test(a_paused_viewer_gets_no_picture_until_it_resumes),
-    cmocka_unit_test(a_viewer_gets_pictures_at_the_rate_it_asked_for),
+    cmocka_unit_test(a_paused_viewer_gets_no_image_until_it_resumes),
+    cmocka_unit_test(a_viewer_gets_images_at_the_rate_it_asked_for),
     cmocka_unit_test(a_pause_after_watching_counts_as_no_skip),
-    cmocka_unit_test(an_ack_brings_the_next_picture_without_waiting_for_a_status),
-    cmocka_unit_test(a_picture_held_back_by_its_rate_comes_without_waiting_for_a_status),
+    cmocka_unit_test(an_ack_brings_the_next_image_without_waiting_for_a_status),
+    cmocka_unit_test(an_image_held_back_by_its_rate_comes_without_waiting_for_a_status),
     cmocka_unit_test(who_has_not_subscribed_gets_words_only),
     cmocka_unit_test(status_carries_what_it_was_given),
     cmocka_unit_test(a_new_state_is_told_without_waiting_for_the_next_turn),
     cmocka_unit_test(all_are_told_when_the_server_goes),
-    cmocka_unit_test(a_rate_says_when_the_next_picture_is_due),
+    cmocka_unit_test(a_rate_says_when_the_next_image_is_due),
     cmocka_unit_test(milliseconds_are_added_to_a_time),
     cmocka_unit_test(messages_beyond_the_rate_are_too_fast),
 };

@@ -1,4 +1,4 @@
-/* Pictures by plain HTTP: single ones and streams, their access, limits and renditions. */
+/* Images by plain HTTP: single ones and streams, their access, limits and renditions. */
 #include "base/log.h"
 #include "net/stream/client.h"
 
@@ -41,13 +41,13 @@ static int status_of(const struct server *s, const char *path, const char *lines
     return a.status;
 }
 
-/* The byte at i of the picture that publish() makes of this frame. */
+/* The byte at i of the image that publish() makes of this frame. */
 static uint8_t byte_of(uint64_t frame, size_t i)
 {
     return (uint8_t)(frame * 31 + i * 7);
 }
 
-static void snapshot_is_the_newest_picture(void **state)
+static void snapshot_is_the_newest_image(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
@@ -76,14 +76,14 @@ static void snapshot_is_the_newest_picture(void **state)
 }
 
 /* A format that nobody watched is of an older frame than the one being encoded. */
-static void snapshot_waits_for_a_picture_of_the_present_frame(void **state)
+static void snapshot_waits_for_an_image_of_the_present_frame(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
     struct client c;
 
     publish(s, 1, 1000);
-    server_begin_picture(s);
+    server_begin_image(s);
     client_open(&c, s);
     client_write(&c, "GET /snapshot.jpg HTTP/1.1\r\nHost: localhost\r\n\r\n", 47);
     assert_false(client_fill(&c, 300));
@@ -251,7 +251,7 @@ static int next_part(struct client *c, size_t *size)
     return first;
 }
 
-static void stream_brings_every_picture_to_who_reads(void **state)
+static void stream_brings_every_image_to_who_reads(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
@@ -364,7 +364,7 @@ static void streams_count_as_viewers_until_they_close(void **state)
     assert_int_equal(client_close_code(&viewer), 4007);
     client_shut(&viewer);
     client_shut(&c[0]);
-    await_viewers(s, 1); /* although no picture is sent meanwhile */
+    await_viewers(s, 1); /* although no image is sent meanwhile */
     assert_int_equal(status_of(s, "/snapshot.jpg", NULL), 200);
     client_shut(&c[1]);
     server_destroy(s);
@@ -390,10 +390,10 @@ static void streams_end_with_the_server(void **state)
 static void publish_rendition(struct server *s, unsigned slot, uint64_t serial, const char *bytes)
 {
     const struct protocol_picture header = { .format = PROTOCOL_JPEG, .frame = 1, .width = 32, .height = 18 };
-    struct picture *p = picture_create(&header, (const uint8_t *)bytes, strlen(bytes));
+    struct sent_image *p = image_create(&header, (const uint8_t *)bytes, strlen(bytes));
 
     assert_non_null(p);
-    picture_set_rendition(p, slot, serial);
+    image_set_rendition(p, slot, serial);
     server_publish(s, p);
 }
 
@@ -572,12 +572,12 @@ static void who_takes_no_bytes_is_given_up_by_name(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(snapshot_is_the_newest_picture),
-    cmocka_unit_test(snapshot_waits_for_a_picture_of_the_present_frame),
+    cmocka_unit_test(snapshot_is_the_newest_image),
+    cmocka_unit_test(snapshot_waits_for_an_image_of_the_present_frame),
     cmocka_unit_test(one_connection_may_ask_again),
     cmocka_unit_test(bad_requests_are_answered_in_a_line),
     cmocka_unit_test(token_is_taken_as_bearer_or_password),
-    cmocka_unit_test(stream_brings_every_picture_to_who_reads),
+    cmocka_unit_test(stream_brings_every_image_to_who_reads),
     cmocka_unit_test(a_slow_stream_skips_to_the_newest_and_delays_nobody),
     cmocka_unit_test(what_a_stream_sends_is_not_kept),
     cmocka_unit_test(streams_count_as_viewers_until_they_close),

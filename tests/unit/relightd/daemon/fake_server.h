@@ -18,8 +18,8 @@ static struct {
     struct server_demand demand; /* given to the daemon */
     struct server_control ask;   /* likewise, once, where has_ask */
     bool has_ask;
-    struct server_probe probe; /* likewise, where has_probe */
-    bool has_probe;
+    struct server_inspection inspection; /* likewise, where has_inspection */
+    bool has_inspection;
 
     struct server_figures figures; /* reported by the daemon, as what follows */
     struct settings control;
@@ -27,7 +27,7 @@ static struct {
     char refusal[sizeof(struct reason)];
     unsigned fates[SERVER_REFUSED + 1];
     struct protocol_picture published; /* the last */
-    unsigned pictures;
+    unsigned images;
     struct protocol_picture rendition; /* likewise */
     unsigned renditions;
     unsigned answers; /* to probes, */
@@ -91,26 +91,26 @@ void server_frame_fate(struct server *s, const struct server_ticket *ticket, enu
     fake.fates[fate]++;
 }
 
-void server_publish_for(struct server *s, struct picture *picture, const struct server_ticket *ticket)
+void server_publish_for(struct server *s, struct sent_image *image, const struct server_ticket *ticket)
 {
     (void)s;
     (void)ticket;
-    fake.published = *picture_header(picture);
-    fake.pictures++;
-    picture_unref(picture);
+    fake.published = *image_header(image);
+    fake.images++;
+    image_unref(image);
 }
 
-void server_begin_picture(struct server *s)
+void server_begin_image(struct server *s)
 {
     (void)s;
 }
 
-void server_publish(struct server *s, struct picture *picture)
+void server_publish(struct server *s, struct sent_image *image)
 {
     (void)s;
-    fake.rendition = *picture_header(picture);
+    fake.rendition = *image_header(image);
     fake.renditions++;
-    picture_unref(picture);
+    image_unref(image);
 }
 
 bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *ticket, int timeout_ms)
@@ -122,17 +122,18 @@ bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *
     return false;
 }
 
-bool server_take_probe(struct server *s, struct server_probe *out)
+bool server_take_inspection(struct server *s, struct server_inspection *out)
 {
-    const bool any = fake.has_probe;
+    const bool any = fake.has_inspection;
 
     (void)s;
-    *out = fake.probe;
-    fake.has_probe = false;
+    *out = fake.inspection;
+    fake.has_inspection = false;
     return any;
 }
 
-void server_answer_probe(struct server *s, const struct server_probe *asked, const char *text, const char *error)
+void server_answer_inspection(struct server *s, const struct server_inspection *asked, const char *text,
+                              const char *error)
 {
     (void)s;
     (void)asked;
@@ -205,7 +206,7 @@ struct rig {
     float *light; /* texels of the frames that are handed in */
 };
 
-/* What the command line says: 64 x 36 pixels of the built-in scene, 100 pictures a second, and the test's own flags,
+/* What the command line says: 64 x 36 pixels of the built-in scene, 100 images a second, and the test's own flags,
  * ended by NULL. */
 static void rig_begin(struct rig *r, const char *const *flags)
 {
@@ -278,21 +279,21 @@ static void rig_turn(struct rig *r)
         fail_msg("%s", why.text);
 }
 
-/* Turns until a picture waits, at most so often; NULL: none came. It is the test's until rig_release. */
-static struct shaded *rig_picture(struct rig *r, int turns)
+/* Turns until an image waits, at most so often; NULL: none came. It is the test's until rig_release. */
+static struct shaded *rig_image(struct rig *r, int turns)
 {
-    struct picture_slots *pictures = &r->shared.pictures;
+    struct image_slots *images = &r->shared.images;
 
     for (int i = 0; i < turns; i++) {
         rig_turn(r);
-        const int slot = handoff_wait_newer(&pictures->handoff, 0) ? handoff_take(&pictures->handoff, 0) : HANDOFF_NONE;
+        const int slot = handoff_wait_newer(&images->handoff, 0) ? handoff_take(&images->handoff, 0) : HANDOFF_NONE;
         if (slot != HANDOFF_NONE)
-            return &pictures->slot[slot];
+            return &images->slot[slot];
     }
     return NULL;
 }
 
-static void rig_release(struct rig *r, struct shaded *picture)
+static void rig_release(struct rig *r, struct shaded *image)
 {
-    handoff_release(&r->shared.pictures.handoff, (int)(picture - r->shared.pictures.slot));
+    handoff_release(&r->shared.images.handoff, (int)(image - r->shared.images.slot));
 }

@@ -1,4 +1,4 @@
-/* What pictures are expected to cost, from what others did. */
+/* What images are expected to cost, from what others did. */
 #include "support/unit.h"
 
 #include "relightd/daemon/cost.h"
@@ -25,7 +25,7 @@ static void learn(struct cost *c)
     cost_learn(c, facts.points, &light, &stats);
 }
 
-static void nothing_is_known_before_the_first_picture(void **state)
+static void nothing_is_known_before_the_first_image(void **state)
 {
     const struct cost c = { .sample_s = 0.0 };
 
@@ -49,7 +49,7 @@ static void an_estimate_follows_samples_method_and_paths(void **state)
     assert_true(seconds(&c, METHOD_CACHED, 160, PATH_ALL) > seconds(&c, METHOD_MIS, 160, PATH_DIRECT));
 }
 
-static void each_part_is_learnt_from_pictures_that_have_it(void **state)
+static void each_part_is_learnt_from_images_that_have_it(void **state)
 {
     struct cost c = { .sample_s = 0.0 };
     const struct relight_stats slow = {
@@ -70,8 +70,8 @@ static void each_part_is_learnt_from_pictures_that_have_it(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(nothing_is_known_before_the_first_picture),
+    cmocka_unit_test(nothing_is_known_before_the_first_image),
     cmocka_unit_test(an_estimate_follows_samples_method_and_paths),
-    cmocka_unit_test(each_part_is_learnt_from_pictures_that_have_it),
+    cmocka_unit_test(each_part_is_learnt_from_images_that_have_it),
 };
 UNIT_MAIN(tests)

@@ -2,20 +2,20 @@
 #include "relightd/daemon/fake_server.h"
 
 #include "base/clock.h"
-#include "light/denoise/history.h"
-#include "relightd/daemon/shade_parts.h"
+#include "light/denoise/accumulation.h"
+#include "relightd/daemon/shade_internal.h"
 
 #include <jansson.h>
 #include <math.h>
 
 #define TURNS 2000
 
-/* The picture of a frame, copied. */
+/* The image of a frame, copied. */
 static struct protocol_picture light(struct rig *r, uint64_t number, bool lockstep, float *rgb)
 {
     rig_hand_in(r, number, lockstep);
     for (int i = 0; i < TURNS; i++) {
-        struct shaded *p = rig_picture(r, TURNS);
+        struct shaded *p = rig_image(r, TURNS);
         assert_non_null(p);
         const struct protocol_picture header = p->header;
         memcpy(rgb, p->rgb, sizeof(float) * 3 * WIDTH * HEIGHT);
@@ -44,7 +44,7 @@ static void ask(const char *fields)
     fake.has_ask = true;
 }
 
-static void a_frame_that_is_handed_in_becomes_a_picture(void **state)
+static void a_frame_that_is_handed_in_becomes_an_image(void **state)
 {
     (void)state;
     static const char *const flags[] = { "--method", "mis", "--samples", "8", "--converge", "off", NULL };
@@ -121,7 +121,7 @@ static void another_camera_lights_the_standing_frame_anew(void **state)
     rig_load(&r);
     light(&r, 1, false, rgb);
     ask("\"camera\": \"gallery\"");
-    struct shaded *p = rig_picture(&r, TURNS);
+    struct shaded *p = rig_image(&r, TURNS);
     assert_non_null(p);
     assert_true(p->new_view);
     assert_int_equal(p->header.frame, 1);
@@ -143,7 +143,7 @@ static void a_still_image_refines_and_stops(void **state)
     rig_load(&r);
     light(&r, 1, false, rgb);
     for (int i = 0; i < TURNS && !converged; i++) {
-        struct shaded *p = rig_picture(&r, TURNS);
+        struct shaded *p = rig_image(&r, TURNS);
         assert_non_null(p);
         assert_true(p->header.flags & PROTOCOL_PICTURE_FINER);
         assert_int_equal(p->header.frame, 1);
@@ -153,7 +153,7 @@ static void a_still_image_refines_and_stops(void **state)
     assert_true(converged);
     assert_int_equal(fake_figures().passes, 6);
     assert_int_equal(fake_figures().all_passes, 6);
-    assert_null(rig_picture(&r, 20)); /* it stops: some 30 ms a turn, longer than the quiet time */
+    assert_null(rig_image(&r, 20)); /* it stops: some 30 ms a turn, longer than the quiet time */
     assert_int_equal(fake_figures().all_passes, 6);
     rig_end(&r);
 }
@@ -169,9 +169,9 @@ static void a_still_image_is_lit_again_until_the_cache_is_complete(void **state)
     rig_begin(&r, flags);
     rig_load(&r);
     light(&r, 1, false, rgb);
-    for (int k = 0; k < HISTORY_GLIDE; k++) { /* the second image, and those that glide to it */
+    for (int k = 0; k < ACCUMULATION_GLIDE; k++) { /* the second image, and those that glide to it */
         assert_true(r.shade->decider.cache.begun && r.shade->decider.cache.share < 1.0);
-        struct shaded *p = rig_picture(&r, TURNS);
+        struct shaded *p = rig_image(&r, TURNS);
         assert_non_null(p);
         assert_true(p->header.flags & PROTOCOL_PICTURE_FINER);
         assert_int_equal(p->header.frame, 1);
@@ -182,10 +182,10 @@ static void a_still_image_is_lit_again_until_the_cache_is_complete(void **state)
     rig_end(&r);
 }
 
-/* A frame's next picture. */
-static void await_picture(struct rig *r, float *rgb, bool *new_view)
+/* A frame's next image. */
+static void await_image(struct rig *r, float *rgb, bool *new_view)
 {
-    struct shaded *p = rig_picture(r, TURNS);
+    struct shaded *p = rig_image(r, TURNS);
 
     assert_non_null(p);
     *new_view = p->new_view;
@@ -209,7 +209,7 @@ static void the_first_image_of_glass_is_coarse_and_the_second_complete(void **st
     light(&r, 1, false, coarse);
     assert_true(r.shade->set->coarse && !r.shade->decider.cache.begun); /* a cache of it would serve nobody */
     assert_non_null(strstr(fake_figures().left_out, "one per pixel"));
-    await_picture(&r, complete, &new_view);
+    await_image(&r, complete, &new_view);
     assert_true(new_view && !r.shade->set->coarse && r.shade->set == r.shade->first_set);
     assert_true(r.shade->set->gbuffer->edge_pixels > 0 && !r.shade->set->borrowed);
     assert_memory_not_equal(coarse, complete, sizeof(coarse));
@@ -272,15 +272,15 @@ static void nobody_watching_is_no_reason_to_refine(void **state)
         rig_turn(&r);
     assert_int_equal(fake_figures().all_passes, 0);
     fake.demand.viewers = 1;
-    assert_non_null(rig_picture(&r, TURNS));
+    assert_non_null(rig_image(&r, TURNS));
     rig_end(&r);
 }
 
-/* Turns until the newest picture is by these settings and has all samples of the lamps. */
+/* Turns until the newest image is by these settings and has all samples of the lamps. */
 static void await_lamps(struct rig *r, float *rgb)
 {
     for (int i = 0; i < TURNS; i++) {
-        struct shaded *p = rig_picture(r, TURNS);
+        struct shaded *p = rig_image(r, TURNS);
         assert_non_null(p);
         assert_true(p->header.flags & PROTOCOL_PICTURE_FINER);
         memcpy(rgb, p->rgb, sizeof(float) * 3 * WIDTH * HEIGHT);
@@ -308,7 +308,7 @@ static void lamps_are_scaled_without_lighting_the_frame_again(void **state)
     assert_int_equal(fake_figures().lamp_samples_wanted, 9);
     await_lamps(&r, once);
     ask("\"lamps\": 0");
-    struct shaded *p = rig_picture(&r, TURNS);
+    struct shaded *p = rig_image(&r, TURNS);
     assert_non_null(p);
     memcpy(off, p->rgb, sizeof(off));
     rig_release(&r, p);
@@ -332,22 +332,22 @@ static double mean_of(const float *rgb)
     return sum / (3 * WIDTH * HEIGHT);
 }
 
-/* The next picture that has passes of refinement. */
+/* The next image that has passes of refinement. */
 static double mean_refined(struct rig *r)
 {
     for (int i = 0; i < TURNS; i++) {
-        struct shaded *p = rig_picture(r, TURNS);
+        struct shaded *p = rig_image(r, TURNS);
         assert_non_null(p);
         const double mean = mean_of(p->rgb);
         rig_release(r, p);
         if (fake_figures().passes > 0)
             return mean;
     }
-    fail_msg("no picture was refined");
+    fail_msg("no image was refined");
     return 0.0;
 }
 
-/* Passes and the first picture are of the sky alone: the lamps are neither refined away nor doubled. */
+/* Passes and the first image are of the sky alone: the lamps are neither refined away nor doubled. */
 static void refinement_leaves_the_lamps_as_they_are(void **state)
 {
     (void)state;
@@ -376,7 +376,7 @@ static void refinement_leaves_the_lamps_as_they_are(void **state)
     rig_end(&r);
 }
 
-/* relMSE against another picture, of all values. */
+/* relMSE against another image, of all values. */
 static double rel_mse(const float *rgb, const float *truth)
 {
     const double mean = mean_of(truth);
@@ -387,7 +387,7 @@ static double rel_mse(const float *rgb, const float *truth)
     return sum / (3 * WIDTH * HEIGHT);
 }
 
-/* A picture of lamps, beside which the sky is dark, once they have so many samples. */
+/* An image of lamps, beside which the sky is dark, once they have so many samples. */
 static void light_lamps(const char *samples, bool lockstep, float *rgb)
 {
     const char *const flags[] = { "--scene", EVENING,          "--method", "mis",        "--samples", "2", "--lamps",
@@ -402,7 +402,7 @@ static void light_lamps(const char *samples, bool lockstep, float *rgb)
     rig_end(&r);
 }
 
-/* The first picture that has light of the lamps is not grainy: filtered, it is nearer to a long run than the unfiltered
+/* The first image that has light of the lamps is not grainy: filtered, it is nearer to a long run than the unfiltered
  * one of a lockstep sequence, by far. */
 static void the_first_light_of_lamps_is_filtered(void **state)
 {
@@ -417,7 +417,7 @@ static void the_first_light_of_lamps_is_filtered(void **state)
 }
 
 /* Whatever controllers say, and though the lamps' part was not complete when the frame came. */
-static void lockstep_pictures_have_all_of_the_lamps(void **state)
+static void lockstep_images_have_all_of_the_lamps(void **state)
 {
     (void)state;
     static const char *const flags[] = { "--scene",        EVENING, "--method",   "mis", "--samples", "2",
@@ -435,8 +435,8 @@ static void lockstep_pictures_have_all_of_the_lamps(void **state)
     rig_end(&r);
 }
 
-/* A setting has cancelled the picture after the one on display: a query waits until the picture is made again. */
-static void a_query_waits_for_a_picture_that_is_made_again(void **state)
+/* A setting has cancelled the image after the one on display: a query waits until the image is made again. */
+static void a_query_waits_for_an_image_that_is_made_again(void **state)
 {
     (void)state;
     static const char *const flags[] = { "--method", "mis", "--samples", "2", "--converge", "off", NULL };
@@ -446,18 +446,18 @@ static void a_query_waits_for_a_picture_that_is_made_again(void **state)
     rig_begin(&r, flags);
     rig_load(&r);
     fake.answers = 0;
-    fake.probe = (struct server_probe){ .x = WIDTH / 2, .y = HEIGHT / 2, .samples = 16 };
-    fake.has_probe = true;
-    probe_result(r.shade);
-    assert_true(fake.answers == 1 && !fake.answered); /* there is no picture at all */
+    fake.inspection = (struct server_inspection){ .x = WIDTH / 2, .y = HEIGHT / 2, .samples = 16 };
+    fake.has_inspection = true;
+    inspect_result(r.shade);
+    assert_true(fake.answers == 1 && !fake.answered); /* there is no image at all */
     light(&r, 1, false, rgb);
     r.shade->last = NULL;
     r.shade->cut_s = clock_seconds();
-    fake.has_probe = true;
-    probe_result(r.shade);
+    fake.has_inspection = true;
+    inspect_result(r.shade);
     assert_int_equal(fake.answers, 1);
     for (int i = 0; i < TURNS && fake.answers == 1; i++) {
-        struct shaded *p = rig_picture(&r, 1);
+        struct shaded *p = rig_image(&r, 1);
         if (p)
             rig_release(&r, p);
     }
@@ -465,7 +465,7 @@ static void a_query_waits_for_a_picture_that_is_made_again(void **state)
     rig_end(&r);
 }
 
-/* As rank 0 of a job asks for it while others light the picture before. */
+/* As rank 0 of a job asks for it while others light the image before. */
 static void a_frame_taken_early_is_lit_before_newer_ones(void **state)
 {
     (void)state;
@@ -477,9 +477,9 @@ static void a_frame_taken_early_is_lit_before_newer_ones(void **state)
 
     rig_begin(&r, flags);
     rig_load(&r);
-    assert_false(shade_thread_next(r.shade, &e, &request)); /* no picture yet */
+    assert_false(shade_thread_next(r.shade, &e, &request)); /* no image yet */
     light(&r, 1, false, rgb);
-    fake.demand.recorder = true;                            /* without a pause between pictures */
+    fake.demand.recorder = true;                            /* without a pause between images */
     assert_false(shade_thread_next(r.shade, &e, &request)); /* no frame yet */
     rig_hand_in(&r, 2, false);
     assert_true(shade_thread_next(r.shade, &e, &request));
@@ -488,19 +488,19 @@ static void a_frame_taken_early_is_lit_before_newer_ones(void **state)
     rig_hand_in(&r, 3, false);
     assert_false(shade_thread_next(r.shade, &e, &request)); /* one is enough */
     for (uint64_t number = 2; number <= 3; number++) {
-        struct shaded *p = rig_picture(&r, TURNS);
+        struct shaded *p = rig_image(&r, TURNS);
         assert_non_null(p);
         assert_int_equal(p->header.frame, number);
         rig_release(&r, p);
     }
     rig_hand_in(&r, 4, false);
     r.shade->begun_s = clock_seconds() + 1000.0;
-    assert_false(shade_thread_next(r.shade, &e, &request)); /* its picture is not due for a while */
+    assert_false(shade_thread_next(r.shade, &e, &request)); /* its image is not due for a while */
     rig_end(&r);
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(a_frame_that_is_handed_in_becomes_a_picture),
+    cmocka_unit_test(a_frame_that_is_handed_in_becomes_an_image),
     cmocka_unit_test(settings_take_effect_at_the_next_frame),
     cmocka_unit_test(lockstep_renders_with_the_initial_settings),
     cmocka_unit_test(another_camera_lights_the_standing_frame_anew),
@@ -513,9 +513,9 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(lamps_are_scaled_without_lighting_the_frame_again),
     cmocka_unit_test(refinement_leaves_the_lamps_as_they_are),
     cmocka_unit_test(the_first_light_of_lamps_is_filtered),
-    cmocka_unit_test(lockstep_pictures_have_all_of_the_lamps),
+    cmocka_unit_test(lockstep_images_have_all_of_the_lamps),
     cmocka_unit_test(a_frame_taken_early_is_lit_before_newer_ones),
-    cmocka_unit_test(a_query_waits_for_a_picture_that_is_made_again),
+    cmocka_unit_test(a_query_waits_for_an_image_that_is_made_again),
 };
 
 UNIT_MAIN(tests)

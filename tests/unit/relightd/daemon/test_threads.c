@@ -8,7 +8,7 @@
 
 enum { AWAITED = 120000 }; /* turns of 5 ms until a wait counts as a hang */
 
-static void even_picture(struct shaded *p, uint64_t frame, float radiance, bool new_view)
+static void even_image(struct shaded *p, uint64_t frame, float radiance, bool new_view)
 {
     for (size_t i = 0; i < (size_t)3 * WIDTH * HEIGHT; i++)
         p->rgb[i] = radiance;
@@ -28,25 +28,25 @@ static void exposure_does_not_carry_over_to_another_camera(void **state)
 
     rig_begin(&r, flags);
     assert_int_equal(encode_thread_create(&r.shared, &t, &why), ERR_OK);
-    struct shaded *p = &r.shared.pictures.slot[0];
-    even_picture(p, 1, 1.0f, false);
-    encode_picture(t, p);
+    struct shaded *p = &r.shared.images.slot[0];
+    even_image(p, 1, 1.0f, false);
+    encode_image(t, p);
     const float bright = p->header.gain;
-    even_picture(p, 2, 0.25f, false);
-    encode_picture(t, p);
+    even_image(p, 2, 0.25f, false);
+    encode_image(t, p);
     const float adapting = p->header.gain;
-    even_picture(p, 3, 0.25f, true);
-    encode_picture(t, p);
+    even_image(p, 3, 0.25f, true);
+    encode_image(t, p);
     const float fresh = p->header.gain;
     assert_true(adapting > 1.01f * bright && adapting < 3.9f * bright);
     assert_true(fabsf(fresh / bright - 4.0f) < 0.01f);
     assert_int_equal(fake.published.frame, 3);
-    assert_int_equal(fake.pictures, 3); /* JPEG each */
+    assert_int_equal(fake.images, 3); /* JPEG each */
     encode_thread_destroy(t);
     rig_end(&r);
 }
 
-/* A refined picture of a frame keeps its exposure. */
+/* A refined image of a frame keeps its exposure. */
 static void refinement_does_not_step_exposure(void **state)
 {
     (void)state;
@@ -57,19 +57,19 @@ static void refinement_does_not_step_exposure(void **state)
 
     rig_begin(&r, flags);
     assert_int_equal(encode_thread_create(&r.shared, &t, &why), ERR_OK);
-    struct shaded *p = &r.shared.pictures.slot[0];
-    even_picture(p, 1, 1.0f, false);
-    encode_picture(t, p);
+    struct shaded *p = &r.shared.images.slot[0];
+    even_image(p, 1, 1.0f, false);
+    encode_image(t, p);
     const float first = p->header.gain;
-    even_picture(p, 1, 0.5f, false);
+    even_image(p, 1, 0.5f, false);
     p->header.flags |= PROTOCOL_PICTURE_FINER;
-    encode_picture(t, p);
+    encode_image(t, p);
     assert_true(p->header.gain == first);
     encode_thread_destroy(t);
     rig_end(&r);
 }
 
-/* EXPOSURE_AUTO measures the first picture of a camera, and the one at hand when it is turned on. */
+/* EXPOSURE_AUTO measures the first image of a camera, and the one at hand when it is turned on. */
 static void auto_exposure_keeps_its_first_value(void **state)
 {
     (void)state;
@@ -80,7 +80,7 @@ static void auto_exposure_keeps_its_first_value(void **state)
 
     rig_begin(&r, flags);
     assert_int_equal(encode_thread_create(&r.shared, &t, &why), ERR_OK);
-    struct shaded *p = &r.shared.pictures.slot[0];
+    struct shaded *p = &r.shared.images.slot[0];
     const struct {
         float radiance, gain;
         bool new_view;
@@ -96,15 +96,15 @@ static void auto_exposure_keeps_its_first_value(void **state)
     };
     for (size_t k = 0; k < sizeof(steps) / sizeof(steps[0]); k++) {
         r.shared.settings.now.exposure_stops = steps[k].stops;
-        even_picture(p, k + 1, steps[k].radiance, steps[k].new_view);
-        encode_picture(t, p);
+        even_image(p, k + 1, steps[k].radiance, steps[k].new_view);
+        encode_image(t, p);
         assert_true(fabsf(p->header.gain / steps[k].gain - 1.0f) < 1e-4f);
     }
     encode_thread_destroy(t);
     rig_end(&r);
 }
 
-/* Renditions are made once per picture, at their width; a linear one after the picture has gone asks for it again. */
+/* Renditions are made once per image, at their width; a linear one after the image has gone asks for it again. */
 static void renditions_are_made_as_asked(void **state)
 {
     (void)state;
@@ -115,17 +115,17 @@ static void renditions_are_made_as_asked(void **state)
 
     rig_begin(&r, flags);
     assert_int_equal(encode_thread_create(&r.shared, &t, &why), ERR_OK);
-    struct shaded *p = &r.shared.pictures.slot[0];
+    struct shaded *p = &r.shared.images.slot[0];
     fake.renditions = 0;
-    even_picture(p, 1, 1.0f, false);
-    encode_picture(t, p);
+    even_image(p, 1, 1.0f, false);
+    encode_image(t, p);
     assert_int_equal(fake.renditions, 0);
     fake.demand.renditions[2] = (struct server_rendition){ SERVER_JPEG, false, 20, 1 };
-    encode_picture(t, p);
+    encode_image(t, p);
     assert_int_equal(fake.renditions, 1);
     assert_int_equal(fake.rendition.width, 20);
     assert_int_equal(fake.rendition.height, 11);
-    fake.demand.renditions[2].serial = 2; /* another use of the slot: without a new picture, from what is kept */
+    fake.demand.renditions[2].serial = 2; /* another use of the slot: without a new image, from what is kept */
     fake.demand.renditions[2].width = WIDTH + 1;
     fake.demand.renditions[3] = (struct server_rendition){ SERVER_EXR, true, 20, 3 };
     atomic_store(&r.shared.repeat_requested, false);
@@ -135,10 +135,10 @@ static void renditions_are_made_as_asked(void **state)
     assert_int_equal(fake.renditions, 2);
     assert_int_equal(fake.rendition.width, WIDTH);
     assert_true(atomic_load(&r.shared.repeat_requested));
-    const int slot = handoff_begin(&r.shared.pictures.handoff);
-    even_picture(&r.shared.pictures.slot[slot], 1, 1.0f, false);
+    const int slot = handoff_begin(&r.shared.images.handoff);
+    even_image(&r.shared.images.slot[slot], 1, 1.0f, false);
     fake.demand.renditions[2].image = SERVER_NO_IMAGE;
-    handoff_publish(&r.shared.pictures.handoff, slot);
+    handoff_publish(&r.shared.images.handoff, slot);
     for (int i = 0; i < AWAITED && fake.renditions < 3; i++)
         nanosleep(&(struct timespec){ .tv_nsec = 5000000 }, NULL);
     assert_int_equal(fake.renditions, 3);
@@ -238,7 +238,7 @@ static void status_figures_add_up(void **state)
         rig_hand_in(&r, frame, false);
         if (frame % 2 == 0) /* the next one replaces it */
             continue;
-        struct shaded *p = rig_picture(&r, 1000);
+        struct shaded *p = rig_image(&r, 1000);
         assert_non_null(p);
         rig_release(&r, p);
     }

@@ -6,7 +6,7 @@
 
 #include <math.h>
 
-/* A long lens: all rays of the picture run along -z within 1e-3. */
+/* A long lens: all rays of the image run along -z within 1e-3. */
 static const struct camera tele = { "tele", { 0, 0, 9 }, { 0, 0, 0 }, { 0, 1, 0 }, 1e-3f };
 
 static uint32_t add_material(struct scene *s, enum material_kind kind, struct vec3 colour, float ior)
@@ -35,8 +35,8 @@ static float escaping(const struct gbuffer *g, int sign)
 {
     float sum = 0.0f;
 
-    for (uint32_t k = g->escape_first[5]; k < g->escape_first[6]; k++)
-        sum += g->escapes[k].direction.z * (float)sign > 0.0f ? g->escapes[k].weight[0] : 0.0f;
+    for (uint32_t k = g->miss_first[5]; k < g->miss_first[6]; k++)
+        sum += g->misses[k].direction.z * (float)sign > 0.0f ? g->misses[k].weight[0] : 0.0f;
     return sum;
 }
 
@@ -61,7 +61,7 @@ static void mirror_shows_what_it_reflects(void **state)
     add_quads(s, add_material(s, MATERIAL_MIRROR, vec3_make(0.9f, 0.6f, 0.3f), 0.0f), mirror, 1);
     add_quads(s, add_lambert(s, 0.5f), wall, 1);
     struct gbuffer *g = look(s, &r, &tele);
-    assert_int_equal(g->escape_first[16], 0);
+    assert_int_equal(g->miss_first[16], 0);
     assert_int_equal(g->entry_first[6] - g->entry_first[5], 1);
     const struct gbuffer_entry *e = &g->entries[g->entry_first[5]];
     assert_float_equal(e->weight[0], 0.9f, 1e-5f);
@@ -133,8 +133,8 @@ static void attenuation_follows_the_way_inside(void **state)
     for (int k = 0; k < 3; k++) {
         const double b = exp(-thickness * (double)per_metre[k]);
         double sum = 0.0;
-        for (uint32_t i = g->escape_first[5]; i < g->escape_first[6]; i++)
-            sum += g->escapes[i].direction.z < 0.0f ? (double)g->escapes[i].weight[k] : 0.0;
+        for (uint32_t i = g->miss_first[5]; i < g->miss_first[6]; i++)
+            sum += g->misses[i].direction.z < 0.0f ? (double)g->misses[i].weight[k] : 0.0;
         assert_float_equal(sum, (1.0 - f) * (1.0 - f) * b / (1.0 - f * f * b * b), 3.1e-3f);
     }
     gbuffer_destroy(g);
@@ -195,8 +195,8 @@ static void only_one_polarisation_is_reflected_at_brewsters_angle(void **state)
     add_quads(s, add_lambert(s, 0.5f), card, 1);
     struct gbuffer *g = look(s, &r, &aslant);
     const float across = (1.0f - 2.25f) / (1.0f + 2.25f); /* r_s = (1 - n^2) / (1 + n^2), r_p = 0 */
-    const struct gbuffer_escape *out = &g->escapes[g->escape_first[5]];
-    assert_int_equal(g->escape_first[6] - g->escape_first[5], 1);
+    const struct gbuffer_miss *out = &g->misses[g->miss_first[5]];
+    assert_int_equal(g->miss_first[6] - g->miss_first[5], 1);
     assert_float_equal(out->weight[0], 0.5f * across * across, 1e-4f);
     assert_float_equal(out->direction.y, 6.0f / sqrtf(117.0f), 1e-3f);
     gbuffer_destroy(g);
@@ -222,9 +222,9 @@ static void steep_rays_inside_are_reflected_totally(void **state)
     add_quads(s, glass, slope, 1);
     struct gbuffer *g = look(s, &r, &left);
     float down = 0.0f, ahead = 0.0f;
-    for (uint32_t k = g->escape_first[5]; k < g->escape_first[6]; k++) {
-        down += g->escapes[k].direction.y < -0.99f ? g->escapes[k].weight[0] : 0.0f;
-        ahead += g->escapes[k].direction.x > 0.5f ? g->escapes[k].weight[0] : 0.0f;
+    for (uint32_t k = g->miss_first[5]; k < g->miss_first[6]; k++) {
+        down += g->misses[k].direction.y < -0.99f ? g->misses[k].weight[0] : 0.0f;
+        ahead += g->misses[k].direction.x > 0.5f ? g->misses[k].weight[0] : 0.0f;
     }
     assert_float_equal(down, 0.96f * 0.96f / (1.0f - 0.04f * 0.04f), 2e-3f);
     assert_float_equal(ahead, 0.0f, 0.0f);
@@ -266,7 +266,7 @@ static void endless_reflections_are_cut_and_counted(void **state)
             (const float[3]){ 20, 20, 20 });
     struct gbuffer *g = look(s, &r, &tele);
     assert_int_equal(g->point_count, 0);
-    assert_int_equal(g->escape_first[16], 0);
+    assert_int_equal(g->miss_first[16], 0);
     assert_true(g->cut_weight >= 16 * 16); /* whole camera rays */
     gbuffer_destroy(g);
     rays_destroy(r);
@@ -288,8 +288,8 @@ static void shared_ring_adds_up_through_glass_and_gold(void **state)
         for (int c = 0; c < 3; c++) {
             for (uint32_t k = g->entry_first[i]; k < g->entry_first[i + 1]; k++)
                 sum[c] += (double)g->entries[k].weight[c];
-            for (uint32_t k = g->escape_first[i]; k < g->escape_first[i + 1]; k++)
-                sum[c] += (double)g->escapes[k].weight[c];
+            for (uint32_t k = g->miss_first[i]; k < g->miss_first[i + 1]; k++)
+                sum[c] += (double)g->misses[k].weight[c];
             assert_true(sum[c] <= 1.0 + 1e-5);
         }
         red += sum[0];
@@ -305,11 +305,11 @@ static void shared_ring_adds_up_through_glass_and_gold(void **state)
 /* Of a pixel, the escape of the largest weight but `besides` (its number from the pixel's first); -1: none. */
 static int heaviest(const struct gbuffer *g, uint32_t pixel, int besides)
 {
-    const uint32_t first = g->escape_first[pixel];
+    const uint32_t first = g->miss_first[pixel];
     int best = -1;
 
-    for (int k = 0; k < (int)(g->escape_first[pixel + 1] - first); k++)
-        if (k != besides && (best < 0 || g->escapes[first + k].weight[0] > g->escapes[first + best].weight[0]))
+    for (int k = 0; k < (int)(g->miss_first[pixel + 1] - first); k++)
+        if (k != besides && (best < 0 || g->misses[first + k].weight[0] > g->misses[first + best].weight[0]))
             best = k;
     return best;
 }
@@ -333,7 +333,7 @@ static void open_sky_and_flat_mirrors_keep_the_pixels_width(void **state)
         /* the 16 rays of a pixel are one escape: their widths, a quarter of the pixel's, and their directions, as far
          * apart as 16 jittered points of it are: 1.03 pixels on average, and at 16 of them between 0.85 and 1.2 */
         for (uint32_t pixel = 0; pixel < 16; pixel++) {
-            const struct gbuffer_escape *e = &g->escapes[g->escape_first[pixel] + (uint32_t)heaviest(g, pixel, -1)];
+            const struct gbuffer_miss *e = &g->misses[g->miss_first[pixel] + (uint32_t)heaviest(g, pixel, -1)];
             if (glass == 2)
                 assert_float_equal(e->width / g->pixel_angle, 1.0f, 1e-5f);
             else
@@ -343,13 +343,13 @@ static void open_sky_and_flat_mirrors_keep_the_pixels_width(void **state)
         rays_destroy(r);
         scene_destroy(s);
     }
-    /* a pixel at the corner of a wide picture is smaller: a fourth of 90 degrees' tangents, seen at cos = 1 / sqrt(1 +
+    /* a pixel at the corner of a wide image is smaller: a fourth of 90 degrees' tangents, seen at cos = 1 / sqrt(1 +
      * 2 (3/4)^2) */
     struct scene *s = scene_create();
     const struct camera away = { "away", { 0, 0, 9 }, { 0, 0, 99 }, { 0, 1, 0 }, wide.fov_y };
     add_quads(s, add_material(s, MATERIAL_MIRROR, vec3_make(1, 1, 1), 0.0f), mirror, 1);
     struct gbuffer *g = look(s, &r, &away);
-    assert_float_equal(g->escapes[g->escape_first[0]].width, 0.5f * powf(1.0f + 2.0f * 0.5625f, -0.75f), 1e-5f);
+    assert_float_equal(g->misses[g->miss_first[0]].width, 0.5f * powf(1.0f + 2.0f * 0.5625f, -0.75f), 1e-5f);
     gbuffer_destroy(g);
     rays_destroy(r);
     scene_destroy(s);
@@ -374,12 +374,12 @@ static uint32_t compare_widths(enum material_kind kind, int which, float worst[2
             /* up to 0.8 of the radius: further out the curvature within a pixel is no longer small */
             const double off = hypot(x - 31.0, y - 31.0) * 0.2 / 64.0 * 9.0;
             const uint32_t pixel[3] = { y * 64 + x, y * 64 + x + 1, y * 64 + 64 + x };
-            const struct gbuffer_escape *e[3];
+            const struct gbuffer_miss *e[3];
             bool all = off < 0.8;
             for (int k = 0; k < 3 && all; k++) {
                 const int one = heaviest(g, pixel[k], -1), at = which == 0 ? one : heaviest(g, pixel[k], one);
                 all = at >= 0;
-                e[k] = &g->escapes[g->escape_first[pixel[k]] + (uint32_t)(all ? at : 0)];
+                e[k] = &g->misses[g->miss_first[pixel[k]] + (uint32_t)(all ? at : 0)];
             }
             if (!all)
                 continue;
@@ -429,9 +429,9 @@ static void widths_are_finite_and_positive(void **state)
                     (const float[3]){ 2, 0.1f, 2 });
             struct rays *r = rays_create_for(s, cpu_best());
             assert_int_equal(gbuffer_create(s, r, &d, &g, NULL), ERR_OK);
-            assert_true(g->escape_first[SIDE * SIDE] > SIDE * SIDE);
-            for (uint32_t k = 0; k < g->escape_first[SIDE * SIDE]; k++)
-                assert_true(g->escapes[k].width > 0.0f && g->escapes[k].width < 2.0f * (float)PI);
+            assert_true(g->miss_first[SIDE * SIDE] > SIDE * SIDE);
+            for (uint32_t k = 0; k < g->miss_first[SIDE * SIDE]; k++)
+                assert_true(g->misses[k].width > 0.0f && g->misses[k].width < 2.0f * (float)PI);
             gbuffer_destroy(g);
             rays_destroy(r);
             scene_destroy(s);

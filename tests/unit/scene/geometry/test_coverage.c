@@ -249,15 +249,15 @@ static struct gbuffer *look(const struct scene *s, uint32_t edge_rays)
     return g;
 }
 
-static void same_pictures(const struct gbuffer *a, const struct gbuffer *b)
+static void same_images(const struct gbuffer *a, const struct gbuffer *b)
 {
     const size_t pixels = (size_t)a->width * a->height;
 
     assert_int_equal(a->packet_count, b->packet_count);
     assert_memory_equal(a->entry_first, b->entry_first, (pixels + 1) * sizeof(*a->entry_first));
-    assert_memory_equal(a->escape_first, b->escape_first, (pixels + 1) * sizeof(*a->escape_first));
+    assert_memory_equal(a->miss_first, b->miss_first, (pixels + 1) * sizeof(*a->miss_first));
     assert_memory_equal(a->entries, b->entries, a->entry_first[pixels] * sizeof(*a->entries));
-    assert_memory_equal(a->escapes, b->escapes, a->escape_first[pixels] * sizeof(*a->escapes));
+    assert_memory_equal(a->misses, b->misses, a->miss_first[pixels] * sizeof(*a->misses));
     for (uint32_t i = 0; i < a->packet_count; i++)
         assert_memory_equal(&a->packets[i], &b->packets[i], offsetof(struct shade_packet, sample_set));
 }
@@ -284,14 +284,14 @@ static void all_hole_is_no_card_and_all_surface_is_opaque(void **state)
                     g[holed] = look(s, 16);
                     scene_destroy(s);
                 }
-                same_pictures(g[0], g[1]);
+                same_images(g[0], g[1]);
                 gbuffer_destroy(g[0]);
                 gbuffer_destroy(g[1]);
             }
 }
 
 /* The summed weights of escapes, over the pixels of the middle, and their range. */
-static double escapes_of(const struct gbuffer *g, float range[2])
+static double misses_of(const struct gbuffer *g, float range[2])
 {
     double sum = 0.0;
 
@@ -301,8 +301,8 @@ static double escapes_of(const struct gbuffer *g, float range[2])
         for (uint32_t x = 6; x < 18; x++) {
             const size_t pixel = (size_t)y * 24 + x;
             float w = 0.0f;
-            for (uint32_t k = g->escape_first[pixel]; k < g->escape_first[pixel + 1]; k++)
-                w += g->escapes[k].weight[1];
+            for (uint32_t k = g->miss_first[pixel]; k < g->miss_first[pixel + 1]; k++)
+                w += g->misses[k].weight[1];
             range[0] = fminf(range[0], w);
             range[1] = fmaxf(range[1], w);
             sum += (double)w / 144.0;
@@ -339,7 +339,7 @@ static void alpha_may_be_of_the_vertices(void **state)
         fade_card(s);
         assert_float_equal(stopped(s, 1000, near_middle), mode == ALPHA_MASK ? 0.5 : 0.4, 0.015);
         struct gbuffer *g = look(s, 64);
-        assert_float_equal(escapes_of(g, range), mode == ALPHA_MASK ? 0.5 : 0.6, 2e-3);
+        assert_float_equal(misses_of(g, range), mode == ALPHA_MASK ? 0.5 : 0.6, 2e-3);
         assert_true(mode == ALPHA_MASK ? range[0] == 0.0f && range[1] == 1.0f : range[0] < 0.5f && range[1] > 0.7f);
         gbuffer_destroy(g);
         scene_destroy(s);
@@ -355,7 +355,7 @@ static void a_fine_mask_lets_half_of_each_pixel_through(void **state)
     (void)state;
     add_card(s, add_holed(s, ALPHA_MASK, 1.0f, add_alpha(s, 1)), 0.0f, 0.0f, 0.5f);
     struct gbuffer *g = look(s, 64);
-    assert_float_equal(escapes_of(g, range), 0.5, 0.01);
+    assert_float_equal(misses_of(g, range), 0.5, 0.01);
     assert_true(range[0] > 0.25f && range[1] < 0.75f);
     gbuffer_destroy(g);
     scene_destroy(s);
@@ -372,7 +372,7 @@ static void a_mask_that_does_not_vary_takes_no_more_rays(void **state)
         add_card(s, add_holed(s, ALPHA_MASK, 1.0f, add_alpha(s, 4)), 0.0f, quarter ? 0.78f : 0.53f,
                  quarter ? 0.97f : 0.72f);
         struct gbuffer *g = look(s, 16);
-        assert_float_equal(escapes_of(g, range), quarter, 0.0);
+        assert_float_equal(misses_of(g, range), quarter, 0.0);
         assert_true(g->edge_pixels < 24 * 24 / 3); /* the card's outline, if any */
         gbuffer_destroy(g);
         scene_destroy(s);
@@ -393,7 +393,7 @@ static void fractional_coverage_is_seen_as_a_weight(void **state)
                  0.0f, 8.0f);
     struct gbuffer *g = look(s, 1);
     float range[2];
-    assert_float_equal(escapes_of(g, range), 0.7 * 0.4 * (1.0 - third), 1e-5);
+    assert_float_equal(misses_of(g, range), 0.7 * 0.4 * (1.0 - third), 1e-5);
     for (uint32_t y = 6; y < 18; y++)
         for (uint32_t x = 6; x < 18; x++) {
             const size_t pixel = (size_t)y * 24 + x;
@@ -503,8 +503,8 @@ static void a_thin_sheet_is_seen_in_its_colours(void **state)
     for (int k = 0; k < 3; k++) {
         const double through = passing(0.04, (double)tint[k]), back = 0.04 + 0.04 * (double)tint[k] * through;
         double sum[2] = { 0.0, 0.0 };
-        for (uint32_t i = g->escape_first[0]; i < g->escape_first[1]; i++)
-            sum[g->escapes[i].direction.z > 0.0f] += (double)g->escapes[i].weight[k];
+        for (uint32_t i = g->miss_first[0]; i < g->miss_first[1]; i++)
+            sum[g->misses[i].direction.z > 0.0f] += (double)g->misses[i].weight[k];
         assert_float_equal(sum[0], through, 1e-5);
         assert_float_equal(sum[1], back, 1e-5);
     }

@@ -48,13 +48,13 @@ static float weight_of_points(const struct gbuffer *g, uint32_t x, uint32_t y)
     return sum;
 }
 
-static float weight_of_escapes(const struct gbuffer *g, uint32_t x, uint32_t y)
+static float weight_of_misses(const struct gbuffer *g, uint32_t x, uint32_t y)
 {
     const size_t i = (size_t)y * g->width + x;
     float sum = 0.0f;
 
-    for (uint32_t k = g->escape_first[i]; k < g->escape_first[i + 1]; k++)
-        sum += g->escapes[k].weight[1];
+    for (uint32_t k = g->miss_first[i]; k < g->miss_first[i + 1]; k++)
+        sum += g->misses[k].weight[1];
     return sum;
 }
 
@@ -70,7 +70,7 @@ static void quad_head_on_fills_its_pixels_and_no_other(void **state)
             for (uint32_t x = 0; x < 64; x++) {
                 const bool inside = x >= 8 && x < 24 && y >= 8 && y < 24;
                 assert_float_equal(weight_of_points(v.g, x, y), inside ? 1.0f : 0.0f, 1e-6f);
-                assert_float_equal(weight_of_escapes(v.g, x, y), inside ? 0.0f : 1.0f, 1e-6f);
+                assert_float_equal(weight_of_misses(v.g, x, y), inside ? 0.0f : 1.0f, 1e-6f);
             }
         }
         assert_int_equal(v.g->edge_pixels == 0, edge_rays == 1);
@@ -91,7 +91,7 @@ static void half_covered_pixels_weigh_half(void **state)
     for (uint32_t y = 0; y < 64; y++) {
         assert_float_equal(weight_of_points(v.g, 16, y), 0.5f, 1e-6f);
         assert_float_equal(weight_of_points(v.g, 48, y), 0.5f, 1e-6f);
-        assert_float_equal(weight_of_escapes(v.g, 48, y), 0.5f, 1e-6f);
+        assert_float_equal(weight_of_misses(v.g, 48, y), 0.5f, 1e-6f);
     }
     view_end(&v);
     v = view_quads(slanted, 1, 8);
@@ -117,8 +117,8 @@ static void weights_sum_to_one_everywhere(void **state)
             double sum = 0.0;
             for (uint32_t k = g->entry_first[i]; k < g->entry_first[i + 1]; k++)
                 sum += (double)g->entries[k].weight[c];
-            for (uint32_t k = g->escape_first[i]; k < g->escape_first[i + 1]; k++)
-                sum += (double)g->escapes[k].weight[c];
+            for (uint32_t k = g->miss_first[i]; k < g->miss_first[i + 1]; k++)
+                sum += (double)g->misses[k].weight[c];
             assert_true(fabs(sum - 1.0) < 1e-6);
         }
     }
@@ -137,10 +137,10 @@ static void background_is_one_escape_through_the_pixel_centre(void **state)
     for (uint32_t y = 0; y < 64; y++) {
         for (uint32_t x = 0; x < 64; x++) {
             const size_t i = (size_t)y * 64 + x;
-            if (weight_of_escapes(v.g, x, y) == 0.0f)
+            if (weight_of_misses(v.g, x, y) == 0.0f)
                 continue;
-            assert_int_equal(v.g->escape_first[i + 1] - v.g->escape_first[i], 1);
-            const struct vec3 w = v.g->escapes[v.g->escape_first[i]].direction;
+            assert_int_equal(v.g->miss_first[i + 1] - v.g->miss_first[i], 1);
+            const struct vec3 w = v.g->misses[v.g->miss_first[i]].direction;
             /* edges have the mean of what missed, which is nearby */
             const float room = v.g->entry_first[i] == v.g->entry_first[i + 1] && x < 40 ? 1e-6f : 0.01f;
             const struct vec3 want =
@@ -216,9 +216,9 @@ static bool same_gbuffer(const struct gbuffer *a, const struct gbuffer *b)
     return a->packet_count == b->packet_count && a->point_count == b->point_count && a->camera_rays == b->camera_rays &&
            a->edge_pixels == b->edge_pixels && a->cut_weight == b->cut_weight &&
            memcmp(a->entry_first, b->entry_first, (pixels + 1) * sizeof(uint32_t)) == 0 &&
-           memcmp(a->escape_first, b->escape_first, (pixels + 1) * sizeof(uint32_t)) == 0 &&
+           memcmp(a->miss_first, b->miss_first, (pixels + 1) * sizeof(uint32_t)) == 0 &&
            memcmp(a->entries, b->entries, a->point_count * sizeof(*a->entries)) == 0 &&
-           memcmp(a->escapes, b->escapes, a->escape_first[pixels] * sizeof(*a->escapes)) == 0 &&
+           memcmp(a->misses, b->misses, a->miss_first[pixels] * sizeof(*a->misses)) == 0 &&
            memcmp(a->packets, b->packets, a->packet_count * sizeof(*a->packets)) == 0;
 }
 
@@ -525,7 +525,7 @@ static void shared_plaza_has_a_shade_point_where_it_should(void **state)
 
     (void)state;
     /* top left is sky, the bottom row is ground, the middle is the dragon */
-    assert_float_equal(weight_of_escapes(g, 0, 0), 1.0f, 1e-6f);
+    assert_float_equal(weight_of_misses(g, 0, 0), 1.0f, 1e-6f);
     const uint32_t low = g->entries[g->entry_first[89 * 160 + 80]].point;
     assert_string_equal(s->materials[g->packets[low / PACKET].material[low % PACKET]].name, "ground");
     assert_true(fabsf(g->packets[low / PACKET].y[low % PACKET]) < 1e-4f);

@@ -375,12 +375,12 @@ static void rays_from_one_point_come_back(void **state)
 /* Surface of opacity 0.6, one sheet at three places: each lets through 40 % by draws of its own. */
 static void each_instance_draws_its_own_coverage(void **state)
 {
-    const float sheet[4][3] = { { -1, -1, 0 }, { 1, -1, 0 }, { 1, 1, 0 }, { -1, 1, 0 } };
+    const float glass[4][3] = { { -1, -1, 0 }, { 1, -1, 0 }, { 1, 1, 0 }, { -1, 1, 0 } };
     struct scene *s = scene_create();
     uint32_t through = 0;
 
     (void)state;
-    add_quads(s, add_surface(s, ALPHA_BLEND), sheet, 1);
+    add_quads(s, add_surface(s, ALPHA_BLEND), glass, 1);
     assert_int_equal(mesh_place(&s->meshes[0], matrices[0]), ERR_OK);
     for (int i = 1; i < 3; i++) {
         const float matrix[3][4] = { { 1, 0, 0, 0 }, { 0, 1, 0, 0 }, { 0, 0, 1, (float)i } };

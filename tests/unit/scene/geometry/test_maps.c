@@ -235,7 +235,7 @@ static void a_map_never_makes_a_mirror(void **state)
     card_end(&c);
 }
 
-/* The points of the pixel in the middle of the picture, and their lobes. */
+/* The points of the pixel in the middle of the image, and their lobes. */
 static uint32_t points_of_middle(const struct card *c, float gloss[8], float specular[8], float weight[8])
 {
     /* half a pixel aside, so that the edge between two texels is in the middle of one */

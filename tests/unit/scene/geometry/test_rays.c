@@ -303,13 +303,13 @@ static void offset_does_not_leak_through_a_sheet(void **state)
     struct scene *s = scene_create();
     /* a ground of 20 km, and a sheet of paper a tenth of a millimetre above it */
     const float ground[4][3] = { { -1e4f, 0, -1e4f }, { -1e4f, 0, 1e4f }, { 1e4f, 0, 1e4f }, { 1e4f, 0, -1e4f } };
-    const float sheet[4][3] = { { -1, 1e-4f, -1 }, { -1, 1e-4f, 1 }, { 1, 1e-4f, 1 }, { 1, 1e-4f, -1 } };
+    const float glass[4][3] = { { -1, 1e-4f, -1 }, { -1, 1e-4f, 1 }, { 1, 1e-4f, 1 }, { 1, 1e-4f, -1 } };
     struct rng g = { 3 };
 
     (void)state;
     const uint32_t grey = add_lambert(s, 0.5f);
     add_quads(s, grey, ground, 1);
-    add_quads(s, grey, sheet, 1);
+    add_quads(s, grey, glass, 1);
     struct rays *r = rays_create_for(s, cpu_best());
     for (int i = 0; i < 1000; i++) {
         /* from below the ground, which is met first */

@@ -1,4 +1,4 @@
-/* Small scenes with lamps of their own before a camera, and the pictures of their light. */
+/* Small scenes with lamps of their own before a camera, and the images of their light. */
 #pragma once
 
 #include "light/estimators/worlds.h"
@@ -8,7 +8,7 @@
 #include <time.h>
 
 struct lit { /* a scene before a camera */
-    struct set set;
+    struct prepared_scene set;
     bool denoise; /* of the lamps' part; false at first */
 };
 

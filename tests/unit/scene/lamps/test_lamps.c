@@ -288,7 +288,7 @@ static void lamps_leave_the_points_of_the_sky_as_they_are(void **state)
     assert_memory_equal(a->packets, b->packets, a->packet_count * sizeof(*a->packets));
     assert_memory_equal(a->entry_first, b->entry_first, (PIXELS + 1) * sizeof(*a->entry_first));
     assert_memory_equal(a->entries, b->entries, a->entry_first[PIXELS] * sizeof(*a->entries));
-    assert_memory_equal(a->escapes, b->escapes, a->escape_first[PIXELS] * sizeof(*a->escapes));
+    assert_memory_equal(a->misses, b->misses, a->miss_first[PIXELS] * sizeof(*a->misses));
     assert_int_equal(relight_lamps_create(&(struct relight_lamps_desc){ &dark.set, 1, 0 }, &part, &why), ERR_OK);
     assert_null(part);
     lit_finish(&l);

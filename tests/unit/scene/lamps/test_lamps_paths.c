@@ -163,7 +163,7 @@ static void add_textured_panel(struct scene *s)
 }
 
 /* Sampling triangles and following lobes alone have the same mean, among mirrors, glass, gloss and a textured lamp. The
- * standard error of the whole picture's difference by 24 seeds is below 0.4 %, so that a bias of 2 % is seen; each
+ * standard error of the whole image's difference by 24 seeds is below 0.4 %, so that a bias of 2 % is seen; each
  * commit draws 8 and sees 3.5 %. */
 static void sampling_lamps_and_following_lobes_agree(void **state)
 {
@@ -192,7 +192,7 @@ static void sampling_lamps_and_following_lobes_agree(void **state)
         blocks_add(&whole[1], rgb, NULL, WIDTH, HEIGHT);
     }
     const double error = hypot(blocks_error(&whole[0], 0), blocks_error(&whole[1], 0));
-    printf("whole picture: %.5f +- %.5f, %.5f +- %.5f\n", blocks_mean(&whole[0], 0), blocks_error(&whole[0], 0),
+    printf("whole image: %.5f +- %.5f, %.5f +- %.5f\n", blocks_mean(&whole[0], 0), blocks_error(&whole[0], 0),
            blocks_mean(&whole[1], 0), blocks_error(&whole[1], 0));
     assert_true(error < 4e-3 * seeds_blur(8, 24) * blocks_mean(&whole[0], 0));
     assert_true(fabs(blocks_mean(&whole[0], 0) - blocks_mean(&whole[1], 0)) < 5.0 * error);

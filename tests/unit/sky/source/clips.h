@@ -1,4 +1,4 @@
-/* Clips for tests, made by the program ffmpeg from raw pictures whose code values are known. */
+/* Clips for tests, made by the program ffmpeg from raw images whose code values are known. */
 #pragma once
 
 #include "sky/source/folder.h"
@@ -37,7 +37,7 @@ static inline unsigned clips_code(unsigned depth, bool full, unsigned k)
     return (unsigned)(black + (white - black) * k / (CLIP_BANDS - 1) + 0.5);
 }
 
-/* Writes `frames` raw pictures of yuv420p or yuv420p10le: the ramp across, without colour. */
+/* Writes `frames` raw images of yuv420p or yuv420p10le: the ramp across, without colour. */
 static inline void clips_ramp(const char *path, unsigned depth, bool full, unsigned frames)
 {
     const unsigned bytes = depth > 8 ? 2 : 1;

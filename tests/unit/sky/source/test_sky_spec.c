@@ -64,7 +64,7 @@ static void morning_sun_stands_in_the_east(void **state)
     for (size_t i = 0; i < (size_t)d.width * d.height; i++)
         brightest = rgb[3 * i] > rgb[3 * brightest] ? i : brightest;
     test_free(rgb);
-    /* Looking north, +Z, at the picture's centre: +X is a quarter to the left, so east is to the right. */
+    /* Looking north, +Z, at the image's centre: +X is a quarter to the left, so east is to the right. */
     assert_in_range(brightest % d.width, d.width * 5 / 8, d.width * 7 / 8);
     d.hour = 12.0;
     sky_state_at(&d, 0, &s);

@@ -1,6 +1,6 @@
 #include "sky/source/sky_pictures.h"
 
-/* ---- The picture ---- */
+/* ---- The image ---- */
 
 static void render_agrees_with_the_exact_radiance(void **state)
 {
@@ -53,7 +53,7 @@ static void render_is_the_same_at_any_number_of_threads(void **state)
 
 /* ---- The sun ---- */
 
-/* Sum of the disc's energy in the picture, W m^-2 of one channel: picture with it minus picture without. */
+/* Sum of the disc's energy in the image, W m^-2 of one channel: image with it minus image without. */
 static double disc_energy(const struct sky_desc *d, const struct sky_state *s, int channel, double *shares)
 {
     struct sky_state without = *s;
@@ -81,7 +81,7 @@ static void disc_arrives_whole_wherever_it_stands(void **state)
     static const struct {
         double elevation, azimuth;
     } at[] = {
-        { 45.0, 90.0 },  { 45.0, 180.0 },                                   /* column border, and the picture's seam */
+        { 45.0, 90.0 },  { 45.0, 180.0 },                                   /* column border, and the image's seam */
         { 45.0, 179.9 }, { 45.0, -179.9 },  { 45.0, 0.0 },   { 90.0, 0.0 }, /* the pole */
         { 89.9, 30.0 },  { 89.7335, 30.0 }, { 89.5, 200.0 }, { 33.3, 12.3 },   { 0.3, 77.0 },
         { 0.2, 77.0 },   { 0.0, 77.0 },     { -0.2, 180.0 }, { 5.625, 5.625 }, /* a corner of 64x32 */

@@ -274,9 +274,9 @@ static void frames_come_in_order_and_all_of_them(void **state)
     folder_remove(&folder);
 }
 
-/* A live stream may bring nothing new when its picture is asked for at last: the decoder must still have it, also after
- * a packet without a picture, and when the stream begins anew. */
-static void a_picture_stays_until_there_is_another(void **state)
+/* A live stream may bring nothing new when its image is asked for at last: the decoder must still have it, also after
+ * a packet without an image, and when the stream begins anew. */
+static void an_image_stays_until_there_is_another(void **state)
 {
     struct folder folder;
     struct frame f = { 0 };
@@ -284,7 +284,7 @@ static void a_picture_stays_until_there_is_another(void **state)
     struct demux *demux;
     struct decoder *decoder;
     struct demux_item item;
-    struct video_picture picture = { .ready = false };
+    struct video_image picture = { .ready = false };
     struct video_state colour;
     (void)state;
 
@@ -546,7 +546,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(damaged_files_end_or_are_refused),       cmocka_unit_test(file_without_a_keyframe_says_so),
     cmocka_unit_test(size_and_codec_may_change_on_the_way),   cmocka_unit_test(absurd_rates_are_not_believed),
     cmocka_unit_test(files_that_refer_to_others_are_refused), cmocka_unit_test(urls_of_other_schemes_are_named),
-    cmocka_unit_test(colour_may_change_on_the_way),           cmocka_unit_test(a_picture_stays_until_there_is_another),
+    cmocka_unit_test(colour_may_change_on_the_way),           cmocka_unit_test(an_image_stays_until_there_is_another),
 };
 
 UNIT_MAIN(tests)

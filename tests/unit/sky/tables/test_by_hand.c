@@ -21,7 +21,7 @@ static struct frame cube_of_two(void)
     return sky_constant(2, 2 * CUBE_FACES, 0.0f);
 }
 
-/* Which texel of the picture is which of the cube map, is found by lighting one after the other; then the four of each
+/* Which texel of the image is which of the cube map, is found by lighting one after the other; then the four of each
  * face get radiances 1, 2, 3, 4 times the face's number. CDFs of rows are L, L + L'; of the face the sums of both. */
 static void tables_are_running_sums(void **state)
 {

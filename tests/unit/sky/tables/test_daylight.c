@@ -186,7 +186,7 @@ static void write_matrix(char path[64], const char *format, size_t values)
 }
 
 /* Radiance's patches: the ground is patch 0, the zenith the last, patch 1 lies in the north and the next ones east of
- * it. North is the middle of the picture and east lies to its right. */
+ * it. North is the middle of the image and east lies to its right. */
 static void matrices_are_read_as_gendaymtx_writes_them(void **state)
 {
     static const char *const formats[] = { "ascii", "float" };

@@ -133,7 +133,7 @@ static void rotation_turns_the_densities(void **state)
     environment_destroy(b);
 }
 
-/* A picture with its rows the other way round and the layout that says so is the same sky. */
+/* An image with its rows the other way round and the layout that says so is the same sky. */
 static void bottom_first_is_the_same_sky(void **state)
 {
     struct latlong t[2] = { { 0 }, { 0 } };

@@ -73,37 +73,37 @@ static void every_layout_keeps_every_texels_energy(void **state)
     }
 }
 
-/* Pictures in which every texel shows its own direction as a colour, (2 + x, 2 + y, 2 + z); masked ones are NaN's
+/* Images in which every texel shows its own direction as a colour, (2 + x, 2 + y, 2 + z); masked ones are NaN's
  * opposite, so large that they would be seen. */
 static const struct {
     enum layout layout;
     uint32_t width, height;
     double seen, lit; /* how far a lookup, and a texel of the cube map, may be off */
-} pictures[] = {
+} images[] = {
     { LAYOUT_LATLONG, 256, 128, 0.015, 0.06 }, { LAYOUT_LATLONG_BOTTOM_FIRST, 256, 128, 0.015, 0.06 },
     { LAYOUT_CUBE, 64, 384, 0.02, 0.06 },      { LAYOUT_HCROSS, 256, 192, 0.02, 0.06 },
     { LAYOUT_VCROSS, 192, 256, 0.02, 0.06 },   { LAYOUT_BALL, 512, 512, 0.02, 0.06 },
     { LAYOUT_FISHEYE, 200, 200, 0.02, 0.06 },  { LAYOUT_CUBE_3X2, 192, 128, 0.02, 0.06 },
     { LAYOUT_CUBE_6X1, 384, 64, 0.02, 0.06 },
 };
-#define PICTURES (sizeof(pictures) / sizeof(pictures[0]))
+#define IMAGES (sizeof(images) / sizeof(images[0]))
 
 static struct frame sky_of_directions(size_t q)
 {
-    struct frame f = sky_constant(pictures[q].width, pictures[q].height, 1e6f);
+    struct frame f = sky_constant(images[q].width, images[q].height, 1e6f);
     for (uint32_t y = 0; y < f.height; y++)
         for (uint32_t x = 0; x < f.width; x++) {
             double w[3];
-            if (test_direction(layout_name(pictures[q].layout), f.width, f.height, x + 0.5, y + 0.5, w))
+            if (test_direction(layout_name(images[q].layout), f.width, f.height, x + 0.5, y + 0.5, w))
                 sky_paint(&f, x, y, 2.0f + (float)w[0], 2.0f + (float)w[1], 2.0f + (float)w[2]);
-            else if (layout_is_disc(pictures[q].layout) &&
+            else if (layout_is_disc(images[q].layout) &&
                      hypot(2.0 * x + 1.0 - f.width, 2.0 * y + 1.0 - f.height) < f.width + 2.0)
                 sky_paint(&f, x, y, 2.0f, 2.0f, 2.0f); /* cut by the circle: its centre is outside, a part is not */
         }
     return f;
 }
 
-/* The direction in the picture's own frame. */
+/* The direction in the image's own frame. */
 static void turn_back(const float w[3], double degrees, double own[3])
 {
     const double c = cos(degrees * PI / 180.0), s = sin(degrees * PI / 180.0);
@@ -120,17 +120,17 @@ static void check_direction(const struct environment *e, size_t q, double degree
 
     turn_back(w, degrees, own);
     /* Near a ball's rim a texel spans many degrees, as it does at a fisheye's horizon where the mean takes over. */
-    if ((pictures[q].layout == LAYOUT_BALL && own[2] < -0.95) ||
-        (pictures[q].layout == LAYOUT_FISHEYE && fabs(own[1]) < 0.05))
+    if ((images[q].layout == LAYOUT_BALL && own[2] < -0.95) ||
+        (images[q].layout == LAYOUT_FISHEYE && fabs(own[1]) < 0.05))
         return;
-    const bool below = pictures[q].layout == LAYOUT_FISHEYE && own[1] < 0.0;
+    const bool below = images[q].layout == LAYOUT_FISHEYE && own[1] < 0.0;
     for (int c = 0; c < 3; c++)
         want[c] = below ? (c == 1 ? 2.5 : 2.0) : 2.0 + own[c];
     environment_lookup(e, vec3_make(w[0], w[1], w[2]), seen);
     environment_evaluate(e, w, lit, &pdf);
     for (int c = 0; c < 3; c++) {
-        assert_true(fabs(seen[c] - want[c]) < pictures[q].seen);
-        assert_true(fabs(lit[c] - want[c]) < pictures[q].lit);
+        assert_true(fabs(seen[c] - want[c]) < images[q].seen);
+        assert_true(fabs(lit[c] - want[c]) < images[q].lit);
     }
 }
 
@@ -139,9 +139,9 @@ static void every_layout_shows_each_direction_where_it_says(void **state)
     static const double turns[] = { 0.0, 90.0, -37.0 };
     static const float axes[6][3] = { { 1, 0, 0 }, { -1, 0, 0 }, { 0, 1, 0 }, { 0, -1, 0 }, { 0, 0, 1 }, { 0, 0, -1 } };
     (void)state;
-    for (size_t q = 0; q < 3 * PICTURES; q++) {
+    for (size_t q = 0; q < 3 * IMAGES; q++) {
         struct rng random = { 7 };
-        struct environment *e = sky_environment_of(sky_of_directions(q / 3), pictures[q / 3].layout, 48, turns[q % 3]);
+        struct environment *e = sky_environment_of(sky_of_directions(q / 3), images[q / 3].layout, 48, turns[q % 3]);
         for (int k = 0; k < 6; k++)
             check_direction(e, q / 3, turns[q % 3], axes[k]);
         for (int k = 0; k < 3000; k++) {
@@ -159,28 +159,28 @@ static void every_layout_gives_the_same_cube_map(void **state)
     const uint32_t n = 32;
     struct environment *first = sky_environment(sky_of_directions(0), n, 20.0);
     (void)state;
-    for (size_t q = 1; q < PICTURES; q++) {
-        struct environment *e = sky_environment_of(sky_of_directions(q), pictures[q].layout, n, 20.0);
+    for (size_t q = 1; q < IMAGES; q++) {
+        struct environment *e = sky_environment_of(sky_of_directions(q), images[q].layout, n, 20.0);
         double sum = 0.0;
         size_t count = 0;
         for (size_t t = 0; t < 6 * (size_t)n * n; t++) {
             const float *a = &first->texels[t].r, *b = &e->texels[t].r;
-            if (pictures[q].layout == LAYOUT_FISHEYE && a[1] < 2.0f + 2.0f / (float)n)
+            if (images[q].layout == LAYOUT_FISHEYE && a[1] < 2.0f + 2.0f / (float)n)
                 continue;
             for (int c = 0; c < 3; c++)
                 sum += (a[c] - b[c]) * (a[c] - b[c]);
             count += 3;
         }
         /* a texel at a ball's rim spans ten degrees */
-        assert_true(sqrt(sum / (double)count) < (pictures[q].layout == LAYOUT_BALL ? 0.01 : 0.001));
-        assert_true(pictures[q].layout == LAYOUT_FISHEYE || fabs(e->total_energy / first->total_energy - 1.0) < 1e-3);
+        assert_true(sqrt(sum / (double)count) < (images[q].layout == LAYOUT_BALL ? 0.01 : 0.001));
+        assert_true(images[q].layout == LAYOUT_FISHEYE || fabs(e->total_energy / first->total_energy - 1.0) < 1e-3);
         environment_destroy(e);
     }
     environment_destroy(first);
 }
 
 /* More texels than the cube map can use: reduced first, and still all of the light of each arrives. */
-static void large_pictures_are_reduced_and_keep_their_energy(void **state)
+static void large_images_are_reduced_and_keep_their_energy(void **state)
 {
     static const struct {
         enum layout layout;
@@ -341,7 +341,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(every_layout_keeps_every_texels_energy),
     cmocka_unit_test(every_layout_shows_each_direction_where_it_says),
     cmocka_unit_test(every_layout_gives_the_same_cube_map),
-    cmocka_unit_test(large_pictures_are_reduced_and_keep_their_energy),
+    cmocka_unit_test(large_images_are_reduced_and_keep_their_energy),
     cmocka_unit_test(six_files_are_the_cells_of_a_horizontal_cross),
     cmocka_unit_test(option_wins_over_file_and_file_over_shape),
     cmocka_unit_test(a_frames_own_word_is_heard),

@@ -14,10 +14,10 @@ static void sum_energies(const struct sky_split *s, const struct environment *e,
     for (uint32_t k = 0; k < SKY_CELLS; k++)
         for (int c = 0; c < 3; c++)
             parts[c] += (double)s->cells[k / SKY_CHUNK][c][k % SKY_CHUNK] * sky_cell_solid_angle(k);
-    for (uint32_t k = 0; k < s->bright_count; k++) {
-        const struct texel *t = &e->texels[s->bright[k]];
+    for (uint32_t k = 0; k < s->sun_count; k++) {
+        const struct texel *t = &e->texels[s->sun[k]];
         const float g = importance_of(e->importance, t->r, t->g, t->b);
-        const double part = (1.0 - (double)sky_lower(s->level, g)) * e->solid_angle[s->bright[k] % (n * n)];
+        const double part = (1.0 - (double)sky_lower(s->level, g)) * e->solid_angle[s->sun[k] % (n * n)];
         parts[0] += part * (double)t->r;
         parts[1] += part * (double)t->g;
         parts[2] += part * (double)t->b;
@@ -58,8 +58,8 @@ static void the_split_keeps_the_energy(void **state)
             sum_energies(&s, e, parts, whole);
             for (int c = 0; c < 3; c++)
                 assert_true(fabs(parts[c] - whole[c]) < 1e-6 * whole[c]);
-            assert_true(kind != 0 || sizes[k] < 16 || s.bright_count > 0);
-            assert_true(kind != 1 || s.bright_count == 0);
+            assert_true(kind != 0 || sizes[k] < 16 || s.sun_count > 0);
+            assert_true(kind != 1 || s.sun_count == 0);
             environment_destroy(e);
         }
     sky_split_finish(&s);
@@ -74,7 +74,7 @@ static void a_constant_sky_has_constant_cells(void **state)
     for (size_t k = 0; k < sizeof(sizes) / sizeof(sizes[0]); k++) {
         struct environment *e = sky_environment(sky_constant(32, 16, 0.75f), sizes[k], 0.0);
         assert_int_equal(sky_split_take(&s, e), ERR_OK);
-        assert_int_equal(s.bright_count, 0);
+        assert_int_equal(s.sun_count, 0);
         for (uint32_t i = 0; i < SKY_CELLS; i++)
             for (int c = 0; c < 3; c++)
                 assert_true(fabsf(s.cells[i / SKY_CHUNK][c][i % SKY_CHUNK] - 0.75f) < 2e-5f);
@@ -90,7 +90,7 @@ static void a_black_sky_is_black_in_both_parts(void **state)
     (void)state;
 
     assert_int_equal(sky_split_take(&s, e), ERR_OK);
-    assert_int_equal(s.bright_count, 0);
+    assert_int_equal(s.sun_count, 0);
     for (uint32_t i = 0; i < SKY_CELLS; i++)
         assert_true(s.cells[i / SKY_CHUNK][0][i % SKY_CHUNK] == 0.0f);
     environment_destroy(e);
@@ -109,7 +109,7 @@ static void a_lone_light_is_bright_as_a_whole(void **state)
     struct environment *e = sky_environment(f, 64, 0.0);
     assert_int_equal(sky_split_take(&s, e), ERR_OK);
     sum_energies(&s, e, parts, whole);
-    assert_true(s.level == 0.0f && s.bright_count > 0);
+    assert_true(s.level == 0.0f && s.sun_count > 0);
     for (int c = 0; c < 3; c++)
         assert_true(fabs(parts[c] - whole[c]) < 1e-6 * whole[c]);
     environment_destroy(e);
@@ -161,8 +161,8 @@ static void threads_do_not_change_the_sky(void **state)
     assert_int_equal(sky_split_take(&many, e), ERR_OK);
     omp_set_num_threads(threads);
     assert_memory_equal(one.cells, many.cells, sizeof(one.cells));
-    assert_int_equal(one.bright_count, many.bright_count);
-    assert_memory_equal(one.bright_cdf, many.bright_cdf, one.bright_count * sizeof(*one.bright_cdf));
+    assert_int_equal(one.sun_count, many.sun_count);
+    assert_memory_equal(one.sun_cdf, many.sun_cdf, one.sun_count * sizeof(*one.sun_cdf));
     environment_destroy(e);
     sky_split_finish(&one);
     sky_split_finish(&many);

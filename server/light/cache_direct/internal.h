@@ -1,0 +1,384 @@
+/* Private to the cache of direct light (transport.h) and to the cache of indirect light, which shares its blocks.
+ * Contains data structures and the loops that are compiled once per CPU level. Thread: one per object, unless stated
+ * otherwise.
+ *
+ * A row is a part of BRDF times cosine, without the colour that multiplies it, so that the cache is independent of
+ * colours and textures (lobes.h has the BRDFs; F0 is the specular colour):
+ *     lambert  row 0: cos / pi, by diffuse
+ *     phong    row 0: cos / pi, by diffuse;   row 1: its lobe, by specular
+ *     ggx      row 0: (1 - F(n.w)) (1 - F(n.o)) cos / pi of F0 = 0, by (1 - F0)^2 diffuse;
+ *              row 1: D V (1 - s), by F0;   row 2: D V s, by 1;   s = (1 - o.h)^5, F = F0 (1 - s) + s
+ * A block is up to four consecutive packets of one kind. A piece is one row of a block. */
+#pragma once
+
+#include "light/cache/cache_file.h"
+#include "light/cache_direct/transport.h"
+#include "sky/tables/sky_split.h"
+
+#define TRANSPORT_ROWS 3
+#define TRANSPORT_PACKETS 4
+#define TRANSPORT_POINTS (TRANSPORT_PACKETS * PACKET)
+#define TRANSPORT_TOGETHER 4   /* rows of V that are stored side by side */
+#define TRANSPORT_VARIANTS 256 /* sample sequences of the sun */
+#define TRANSPORT_UNIT 4       /* directions of a unit (transport_directions) */
+#define TRANSPORT_GAZES 32     /* stored directions of a narrow lobe */
+#define TRANSPORT_FADE 8       /* frames in which a new block fades in */
+#define TRANSPORT_MORE 4       /* strata of the sun per ray of the first round; a power of two */
+
+/* A block's row as traced, before compression: [cell][point]. */
+struct transport_matrix {
+    _Alignas(64) float at[SKY_CELLS][TRANSPORT_POINTS];
+};
+
+/* How V is stored. */
+enum transport_form {
+    TRANSPORT_HALVES, /* half floats */
+    TRANSPORT_RAW,    /* half floats of T itself; there is no U */
+    TRANSPORT_BYTES,  /* -127 to 127, with a gain per row */
+};
+
+/* A compressed row: T = U V. Its bytes are the gains of V's rows (form bytes only), V, and U. V is stored in groups of
+ * TRANSPORT_TOGETHER rows (the last group may have fewer), each group chunk by chunk. U is half floats, packet by
+ * packet: [points / 16][rank][16]. Raw: T instead of V, one row per point. Chunks of cells that are zero for all points
+ * are omitted. */
+struct transport_piece {
+    struct transport_shape { /* files store it in its memory layout */
+        uint32_t rank;       /* rows of V; 0: all entries are zero, and there are no bytes */
+        float scale;         /* a power of two that V's halves are divided by, so that the largest is about 2^14 */
+        uint8_t form;        /* enum transport_form */
+        uint8_t chunk_count;
+        uint8_t chunks[SKY_CHUNKS]; /* ascending */
+        uint8_t zero[2];
+    } shape;
+    uint8_t *bytes; /* aligned to 64 */
+};
+
+/* A direction that a packet's narrow lobes sample by their own densities, and its visibility. */
+struct transport_gaze {
+    float x[PACKET], y[PACKET], z[PACKET]; /* unit */
+    float by_specular[PACKET];             /* row 1 / density; 0 where the sky is occluded */
+    float by_one[PACKET];                  /* row 2 / density, likewise */
+    float density[PACKET];                 /* sr^-1, sum over all TRANSPORT_GAZES */
+};
+
+/* Visibility of the cells from a block, over all points and directions above their horizon: bits of the cells that are
+ * partly or fully visible, and of the cells that are partly or fully occluded. */
+struct transport_sight {
+    uint64_t seen[SKY_CELLS / 64], hidden[SKY_CELLS / 64];
+};
+
+struct transport_block {
+    uint32_t first, packets;       /* of the G-buffer */
+    uint32_t kind;                 /* enum lobe_kind */
+    uint32_t rows;                 /* rows with pieces; blocks with narrow lobes have only the matte row */
+    bool narrow;                   /* has lobes narrower than a cell, and therefore gazes */
+    bool fine;                     /* its stage is TRANSPORT_FINE; valid only for published blocks */
+    uint32_t freed;                /* bytes that transport_keep has freed */
+    struct transport_gaze *gazes;  /* [packets][TRANSPORT_GAZES]; NULL until built */
+    struct transport_sight *sight; /* NULL until built */
+    struct transport_piece pieces[TRANSPORT_ROWS];
+};
+
+/* The directions that all points trace, group by group in the order of sky_cell. A group is one cell, or 2 x 2 cells
+ * that share their directions: each gets a quarter of the result. */
+struct transport_directions {
+    uint32_t group;     /* cells: 1 or 4 */
+    uint32_t per_group; /* directions */
+    float *x, *y, *z;   /* [SKY_CELLS / group * per_group]: unit */
+    float *weight;      /* 1 / density, sr; sums to the group's solid angle */
+    /* A unit is a square with TRANSPORT_UNIT directions: a cell or a chunk. If its first direction and those of the
+     * eight units around it agree for all lanes of a packet, the other directions need not be traced. */
+    uint32_t units;        /* 0: groups have other numbers of directions, and all are traced */
+    uint16_t (*around)[8]; /* [units] */
+};
+
+struct transport_world {     /* input of tracing; borrowed */
+    const struct rays *rays; /* NULL: everything is visible */
+    const struct transport_directions *directions;
+    const float (*lobe_numbers)[2]; /* [lobe_samples]: points of the unit square */
+    uint32_t lobe_samples;
+    const float (*gaze_numbers)[2]; /* [TRANSPORT_GAZES]: the same for gazes */
+};
+
+/* Samples of a frame's sun: [strata][TRANSPORT_VARIANTS]. Each stratum has an equal share of its energy. */
+struct transport_sun {
+    uint32_t strata;              /* TRANSPORT_MORE * few; 0: no sun */
+    uint32_t few;                 /* samples of a point where no shadow is near */
+    float *x, *y, *z, *r, *g, *b; /* direction, radiance / density */
+    float *density;               /* sr^-1, sum over all `few` */
+    uint64_t seed;
+    uint64_t cells[SKY_CELLS / 64]; /* bits of the cells that contain part of it */
+    /* A cone that contains the whole sun. Points that see the whole cone get its light in closed form. */
+    float axis[3], cosine, sine; /* unit; of the radius. Too wide a cone: -2 and 2, which no direction meets */
+    float flux[3][3];            /* per colour: the integral of radiance times direction */
+};
+
+/* A frame's sky for narrow lobes, which look it up texel by texel. */
+struct transport_look {
+    const struct environment *environment;
+    float level; /* of sky_split */
+    const struct transport_sun *sun;
+    double per_energy; /* few n^2 / 4 / energy of the sun; 0: no sun */
+};
+
+/* Floats before V: the gains, in whole cache lines. */
+static inline uint32_t transport_gains(const struct transport_shape *s)
+{
+    return s->form == TRANSPORT_BYTES ? (s->rank + PACKET - 1) / PACKET * PACKET : 0;
+}
+
+/* Bytes before U. */
+static inline size_t transport_head(const struct transport_shape *s)
+{
+    return transport_gains(s) * sizeof(float) +
+           (size_t)s->rank * s->chunk_count * SKY_CHUNK * (s->form == TRANSPORT_BYTES ? 1 : sizeof(uint16_t));
+}
+
+/* Visibility of the sun from a packet: bits of the lanes that see some of it, and of the lanes for which some
+ * of it is occluded.
+ */
+struct transport_view {
+    uint32_t lit, dark;
+};
+
+/* A range of samples: of groups[0] .. groups[1] - 1, each of TRANSPORT_MORE consecutive strata, the turns[0] ..
+ * turns[1] - 1 th stratum that a point uses. The order within a group depends on the point's variant, so that over many
+ * points all strata are used equally. */
+struct transport_round {
+    uint32_t groups[2], turns[2];
+};
+
+struct sun_kernels {
+    /* Adds the light of a round of samples to sum[3][16], before division by their number, and their visibility to
+     * *view. Returns the number of rays. rays: NULL if everything is visible. narrow: the packet has gazes too, and the
+     * lobes count with their balance heuristic share. variant: per lane, below TRANSPORT_VARIANTS. */
+    uint64_t (*light)(const struct rays *rays, const struct transport_sun *b, const struct shade_packet *p,
+                      bool narrow, const uint32_t variant[PACKET], const struct transport_round *round,
+                      float sum[3][PACKET], struct transport_view *view);
+    /* Writes the light of a LOBE_LAMBERT packet that sees all of the sun to sum[3][16], without sampling.
+     * False, and nothing is written, if a horizon cuts its cone. */
+    bool (*open)(const struct transport_sun *b, const struct shade_packet *p, float sum[3][PACKET]);
+    /* Finds a block's points near the edge of a shadow: near[count] receives bits of the lanes that see only a part of
+     * the sun, and of the lanes whose visibility differs from a neighbour's. */
+    void (*edges)(const struct shade_packet *packets, uint32_t count, const struct transport_view *view,
+                  uint32_t near[TRANSPORT_PACKETS]);
+    /* Traces one ray to the sun from each of 16 points, spread over a block's packets. Returns the number of
+     * rays. */
+    uint64_t (*probe)(const struct rays *rays, const struct transport_sun *b, const struct shade_packet *packets,
+                      uint32_t count, const uint32_t variant[PACKET], struct transport_view *view);
+};
+
+/* Indirect light of a block's rows, before multiplication by colours. Negative entries, which compression may cause,
+ * count as 0. */
+struct transport_rows {
+    uint32_t count; /* rows; 0: none */
+    _Alignas(64) float at[TRANSPORT_ROWS][3][TRANSPORT_POINTS];
+};
+
+/* How indirect light joins a frame of transport_shade. bounce/ fills it in, since transport/ may not include bounce/.
+ * The functions are called in this order, each step after the previous one has ended. Thread: any, unless noted. */
+typedef bool transport_wants(const void *context, uint32_t packet);
+
+struct transport_indirect {
+    void *self;
+    /* Reads part 0 .. take_parts - 1 of the map, whose pyramid is complete. */
+    void (*take)(void *self, const struct environment *e, uint32_t part);
+    uint32_t take_parts;
+    void (*taken)(void *self); /* one thread */
+    float *sky;                /* [sky_count]: the result of `take`, which may come from another process instead */
+    uint32_t sky_count;
+    /* Computes part 0 .. parts - 1 of the data that blocks share, if `wants` accepts the first packet of one of these
+     * blocks. wants NULL: accept all. */
+    void (*prepare)(void *self, uint32_t part, transport_wants *wants, const void *context);
+    uint32_t parts;
+    /* Writes the rows of the block that begins with packet `first`. */
+    void (*rows)(const void *self, uint32_t first, struct transport_rows *out);
+};
+
+/* What a block's points see of each unit of directions (transport_directions). */
+enum transport_outlook {
+    TRANSPORT_UNKNOWN, /* each packet has to trace it */
+    TRANSPORT_LIT,     /* all see it; */
+    TRANSPORT_DARK,    /* none does: assumed of all directions of the unit */
+};
+
+struct transport_kernels {
+    /* Finds the units whose visibility is the same for a block's 1 to 4 packets, by rays from a quarter of the points
+     * towards each. Returns the number of rays. */
+    uint64_t (*look)(const struct transport_world *w, const struct shade_packet *packets, uint32_t count,
+                     uint8_t out[SKY_CELLS]);
+    /* Traces a packet's transport into columns first .. first + 15 of out[rows], writing every entry, and adds to
+     * *sight. known: enum transport_outlook by unit. Returns the number of rays. */
+    uint64_t (*trace)(const struct transport_world *w, const struct shade_packet *p, uint32_t rows,
+                      const uint8_t known[SKY_CELLS], struct transport_matrix *out, uint32_t first,
+                      struct transport_sight *sight);
+    /* Writes the block's light from the sky's lower part to lo[packets][3][16]: (rows times the sky, plus `more` unless
+     * NULL) times colours. */
+    void (*cells)(const struct transport_block *b, const struct shade_packet *packets, const struct sky_split *sky,
+                  const struct transport_rows *more, float *lo);
+    /* out[c][point] = sum over cells of T L. points: a multiple of 16. */
+    void (*expand)(const struct transport_piece *q, const struct sky_split *sky, uint32_t points,
+                   float out[3][TRANSPORT_POINTS]);
+    /* Traces a packet's gazes to out[TRANSPORT_GAZES]. Returns the number of rays. */
+    uint64_t (*aim)(const struct transport_world *w, const struct shade_packet *p, struct transport_gaze *out);
+    /* Adds to lo[3][16] the light of a packet's gazes; the balance heuristic combines them with the sun's
+     * samples. */
+    void (*gaze)(const struct transport_look *look, const struct shade_packet *p, const struct transport_gaze *gazes,
+                 float *lo);
+    const struct sun_kernels *sun;
+    /* Half floats to floats. n: a multiple of 16; out: aligned to 64 bytes. */
+    void (*widen)(const uint16_t *in, float *out, uint32_t n);
+};
+
+/* The loops for the CPU level of k. Never NULL; any thread. */
+const struct transport_kernels *transport_kernels_of(const struct kernels *k);
+
+/* The previous version of a block while the cache is being built (light/cache_direct/live.h); the new version fades in
+ * from it.
+ */
+struct transport_fade {
+    struct transport_block old; /* without pieces: light in lo, computed by other techniques */
+    uint8_t weight;             /* of the new block, in units of 1 / TRANSPORT_FADE; 0: not built yet */
+    bool from_cells;            /* old has pieces */
+    bool changed;               /* the block or its weight changed since transport_live_versions */
+};
+
+struct transport_last;
+
+struct transport {
+    const struct gbuffer *gbuffer;
+    const struct rays *rays; /* NULL: everything is visible */
+    const struct transport_kernels *kernels;
+    struct transport_block *blocks;
+    uint32_t block_count;
+    struct transport_stats stats;
+    struct transport_fade *fades; /* [block_count]; NULL: all blocks are built */
+    uint8_t *bytes;               /* of all pieces after transport_gather; NULL: each piece owns its bytes */
+    uint32_t *narrow_index;
+    struct packet_list narrow;
+    uint32_t *unbuilt_index;
+    struct packet_list unbuilt;
+
+    struct transport_last *last; /* of whole frames, once all blocks are built; NULL: none yet */
+    uint8_t *work;               /* [packet_count]: of the last frame */
+
+    struct sky_split sky; /* of the last frame */
+    struct transport_sun sun;
+    float *sun_values;     /* memory of bright's seven arrays */
+    uint32_t sun_capacity; /* samples in each */
+};
+
+/* Channel c of the colour that multiplies a row at lane l. */
+static inline float transport_row_colour(const struct shade_packet *p, uint32_t row, int c, uint32_t l)
+{
+    return row == 0 ? p->diffuse[c][l] : row == 1 ? p->specular[c][l] : 1.0f;
+}
+
+/* The mean of the three. */
+static inline float transport_mean_colour(const struct shade_packet *p, uint32_t row, uint32_t l)
+{
+    return (transport_row_colour(p, row, 0, l) + transport_row_colour(p, row, 1, l) +
+            transport_row_colour(p, row, 2, l)) /
+           3.0f;
+}
+
+/* desc with its defaults filled in. */
+struct transport_desc transport_resolve(const struct transport_desc *desc);
+
+/* Creates a cache with the layout of its blocks, but without pieces. Reads only no_visibility of desc. Free with
+ * transport_destroy. NULL when out of memory. */
+struct transport *transport_begin(const struct gbuffer *g, const struct rays *rays, const struct kernels *kernels,
+                                  const struct transport_desc *desc);
+
+/* Adds a finished block to the statistics; call transport_close_stats after the last one. */
+void transport_count_block(struct transport *t, const struct transport_block *b);
+void transport_close_stats(struct transport *t);
+
+/* The block that contains a packet. */
+const struct transport_block *transport_block_of(const struct transport *t, uint32_t packet);
+
+/* Adds blocks first, first + step, ... and the rays of building them to a section of w, which borrows *rays. Reads such
+ * a section into a cache without these blocks, and adds its rays; s not NULL: only blocks that transport_keeps. Errors:
+ * those of transport_load. */
+void transport_save_blocks(const struct transport *t, uint32_t first, uint32_t step, const uint64_t *rays,
+                           const struct digest *key, struct cache_writer *w);
+MUST_CHECK enum err transport_load_blocks(struct cache_reader *r, const struct digest *key, uint32_t first,
+                                          uint32_t step, const struct cache_share *s, struct transport *t,
+                                          struct reason *why);
+
+/* Moves the pieces into a new array, t->bytes, from the old one or from memory of their own; not when out of memory. */
+void transport_gather_again(struct transport *t);
+
+/* Counts anew, only the blocks that this process has. */
+void transport_count_kept(struct transport *t, const struct cache_share *s);
+
+/* Passes the blocks that each process has built to the others, which keep what they need; desc->share is not NULL.
+ * Collective. ERR_RANGE: more than max_bytes; ERR_NOMEM; ERR_FORMAT: damaged on the way. */
+MUST_CHECK enum err transport_exchange(struct transport *t, const struct transport_desc *desc, struct reason *why);
+
+/* Returns ERR_RANGE with a reason that estimates the bytes of all blocks from those of the first `blocks`. */
+MUST_CHECK enum err transport_say_too_large(const struct transport *t, uint64_t bytes, uint32_t blocks,
+                                            uint64_t max_bytes, struct reason *why);
+
+struct transport_live;
+
+/* Hands a finished block over to the frame's thread, with its pieces unless it fails. Thread: any of the build.
+ * ERR_NOMEM. */
+MUST_CHECK enum err transport_live_publish(struct transport_live *live, uint32_t index, const struct transport_block *b,
+                                           bool fine);
+
+/* Bytes of the cache with the newest version of each block; between two batches independent of the number of
+ * threads. */
+uint64_t transport_live_bytes(struct transport_live *live);
+
+/* Builds all blocks. desc: from transport_resolve. to: publishes finished blocks there; NULL: nowhere. Coarse blocks
+ * are only published; fine ones also stay in t, where the pieces of published blocks are borrowed. *all: the build was
+ * not cancelled. Errors: those of transport_create. */
+MUST_CHECK enum err transport_build(struct transport *t, const struct transport_desc *desc, bool coarse,
+                                    uint32_t threads, struct transport_live *to, bool *all, struct reason *why);
+
+/* The norm that compression preserves: sum over points of scale^2 (sum over cells of T^2 + sum over chunks of (sum over
+ * their cells of T)^2): the expected square under skies whose cells vary individually as much as with their chunk. */
+double transport_weigh(const struct transport_matrix *m, uint32_t points, const float *scale);
+
+/* The memory that compression needs; one per thread. NULL when out of memory. */
+struct transport_workspace;
+struct transport_workspace *transport_workspace_create(void);
+void transport_workspace_destroy(struct transport_workspace *w); /* NULL is allowed */
+
+/* scale[row][point]: the weight of an error at a point, the row's colour, relative to the point's light under an even
+ * sky, or to 0.03 of the block's mean for darker points. 1 at most, and at least a thousandth of it, so that no half
+ * float overflows; all 1 in the dark. matrices: one per row. */
+void transport_scales(const struct gbuffer *g, const struct transport_block *block,
+                      const struct transport_matrix *matrices, float scale[TRANSPORT_ROWS][TRANSPORT_POINTS]);
+
+/* Compresses the matrix, whose contents are destroyed, to *out. points: 16 per packet. scale[points]: weight of a
+ * point's error, above 0. allowed: the error, in units of transport_weigh; below 0: no compression. ERR_NOMEM. */
+MUST_CHECK enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points,
+                                       const float *scale, double allowed, struct transport_piece *out);
+
+/* Draws the frame's samples of the sun of t->sky. Uses all OpenMP threads. ERR_NOMEM. */
+MUST_CHECK enum err transport_sun_draw(struct transport *t, const struct environment *e,
+                                          const struct transport_frame *f);
+
+/* Adds the block's light from the sun to lo[packets][3][16] and the number of rays to *rays. Returns the number
+ * of packets in penumbrae. Thread: any. */
+uint32_t transport_sun_add(const struct transport *t, const struct transport_block *b, float *lo, uint64_t *rays);
+
+/* Bytes of a piece, of the gazes of a block, and of a block with all pieces and gazes. */
+uint64_t transport_piece_bytes(const struct transport_piece *q, uint32_t points);
+uint64_t transport_gaze_bytes(const struct transport_block *b);
+uint64_t transport_block_bytes(const struct transport_block *b);
+
+/* Whether stored numbers (`bytes` from transport_piece_bytes) are valid: V's bytes may have any value, halves must be
+ * finite, and gains 0 or more and below a million. */
+bool transport_is_sound(const struct transport_piece *q, size_t bytes);
+void transport_block_finish(struct transport_block *b); /* frees its pieces and gazes */
+
+/* Turns off the linear algebra library's own threads. Call it once before several threads call transport_compress. */
+void transport_compress_begin(void);
+
+/* Draws side x side jittered directions in each group; edge: 1 or 2, cells along a group's edge. ERR_NOMEM. */
+MUST_CHECK enum err transport_directions_init(struct transport_directions *d, uint32_t side, uint32_t edge,
+                                              uint64_t seed);
+void transport_directions_finish(struct transport_directions *d); /* zeroed memory is allowed */

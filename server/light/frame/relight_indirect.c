@@ -1,0 +1,135 @@
+#include "light/frame/relight_indirect.h"
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/progress.h"
+#include "base/rng.h"
+#include "light/cache/cache_share.h"
+#include "light/cache/memory.h"
+
+#include <stdio.h>
+
+void relight_indirect_finish(struct relight_indirect *b)
+{
+    indirect_destroy(b->indirect);
+    indirect_destroy(b->before);
+    *b = (struct relight_indirect){ .indirect = NULL };
+}
+
+void relight_indirect_replace(struct relight_indirect *b, struct indirect_cache *next, bool at_once)
+{
+    indirect_destroy(b->before);
+    b->before = b->indirect;
+    b->indirect = next;
+    b->weight = 0;
+    b->changed = true;
+    relight_indirect_advance(b, at_once);
+}
+
+void relight_indirect_advance(struct relight_indirect *b, bool to_end)
+{
+    b->changed |= b->before != NULL;
+    if (b->before && !to_end && ++b->weight < RELIGHT_INDIRECT_FADE)
+        return;
+    indirect_destroy(b->before);
+    b->before = NULL;
+}
+
+struct indirect_desc relight_indirect_describe(const struct prepared_scene *set, const struct relight_desc *desc,
+                                               const struct transport *direct)
+{
+    return (struct indirect_desc){
+        .scene = set->scene,
+        .rays = set->rays,
+        .gbuffer = set->gbuffer,
+        .direct = direct,
+        .eye = { (float)set->view.origin[0], (float)set->view.origin[1], (float)set->view.origin[2] },
+        .max_bytes = cache_memory_rest(desc->cache_bytes, transport_stats(direct)->bytes),
+        .seed = rng_mix(desc->direct.seed, 0x626f756e6365u),
+        .cancel = desc->direct.cancel,
+    };
+}
+
+bool relight_indirect_wanted(const struct prepared_scene *set, const struct relight_desc *desc)
+{
+    const struct plan_wish wish = { .indirect = desc->classes & PATH_INDIRECT,
+                                    .indirect_by = desc->indirect,
+                                    .samples = desc->direct.samples };
+    struct plan plan;
+
+    if (desc->direct.method != METHOD_CACHED || !(desc->classes & PATH_DIRECT) ||
+        !(desc->classes & PATH_INDIRECT_LIT) || desc->indirect != PLAN_AUTO)
+        return false;
+    plan_make(&set->facts, &wish, &plan);
+    return plan.indirect == PLAN_EYE;
+}
+
+static void say(const struct relight_indirect *b, double ms)
+{
+    const struct indirect_stats *s = indirect_stats(b->indirect);
+
+    if (!b->loaded) /* the line about direct light names the file */
+        log_info("indirect light: %.1f s, %.0f MB; %u records, %u coefficients, %u bounces", 1e-3 * ms,
+                 1e-6 * (double)s->bytes, s->records, s->basis, s->bounces);
+}
+
+static enum err compute(const struct indirect_desc *desc, const struct kernels *kernels, bool progress,
+                        struct indirect_cache **out, struct reason *why)
+{
+    struct indirect_desc d = *desc;
+    struct progress line;
+
+    progress_begin(&line, "computing indirect light", indirect_steps(desc->gbuffer), progress ? stderr : NULL);
+    d.progress = &line;
+    const enum err e = indirect_create(&d, kernels, out, why);
+    progress_end(&line);
+    return e;
+}
+
+enum err relight_indirect_make(struct relight_indirect *b, const struct transport *direct,
+                               const struct prepared_scene *set, const struct kernels *kernels,
+                               const struct relight_desc *desc, struct relight_keep *keep, bool progress, double *ms)
+{
+    struct reason why;
+
+    if (!direct || b->indirect || b->refused || !relight_indirect_wanted(set, desc) ||
+        (keep->share && desc->cache_background)) /* the others had no order to compute it */
+        return ERR_OK;
+    struct indirect_desc d = relight_indirect_describe(set, desc, direct);
+    const double start = clock_seconds();
+    d.share = keep->share;
+    enum err e = relight_keep_load_indirect(keep, kernels, &d, &b->indirect, &why);
+    e = relight_keep_agree(keep, e, b->indirect != NULL, &b->loaded, &why);
+    if (b->indirect && !b->loaded) {
+        indirect_destroy(b->indirect);
+        b->indirect = NULL;
+    }
+    if (!e && !b->indirect)
+        e = compute(&d, kernels, progress, &b->indirect, &why);
+    *ms += 1e3 * (clock_seconds() - start);
+    b->refused = e == ERR_RANGE;
+    if (b->refused)
+        log_warning("%s: %s; eye paths are traced for it in every frame", set->name, why.text);
+    if (b->indirect && cache_share_takes_all(d.share))
+        say(b, 1e3 * (clock_seconds() - start));
+    if (b->indirect && !b->loaded)
+        relight_keep_save(keep, direct, b->indirect, &d);
+    return e && !b->refused ? err_say(desc->direct.why, e, "%s", why.text) : ERR_OK;
+}
+
+const struct transport_indirect *relight_indirect_take(struct relight_indirect *b, const struct environment *e,
+                                                       const struct relight_desc *desc, float *lo,
+                                                       struct relight_stats *stats)
+{
+    const float weight = b->before ? (float)b->weight / RELIGHT_INDIRECT_FADE : 1.0f;
+
+    if (lo)
+        indirect_shade_part(b->indirect, e, weight, desc->direct.cancel, lo);
+    if (lo && b->before)
+        indirect_shade_part(b->before, e, 1.0f - weight, desc->direct.cancel, lo);
+    stats->indirect = *indirect_stats(b->indirect);
+    stats->indirect_loaded = b->loaded;
+    stats->bias = "cached: a sky of 1536 cells, compressed; penumbrae that few rays miss; indirect light by records "
+                  "that are even within, of a sky of 1536 overlapping cells with its sun";
+    return lo ? NULL : indirect_of_frame(b->indirect);
+}

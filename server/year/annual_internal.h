@@ -1,0 +1,67 @@
+/* Data and functions that the files of this room share. Private. One thread. */
+#pragma once
+
+#include "base/progress.h"
+#include "image/codec/frame.h"
+#include "job/team/share.h"
+#include "sky/source/daylight.h"
+#include "year/annual.h"
+#include "year/ledger.h"
+#include "year/points.h"
+
+#define IMAGES_MAX 64
+
+struct annual_image { /* one requested image */
+    int month, day;
+    double clock; /* hours */
+    bool done;    /* written in this run */
+};
+
+struct annual {
+    struct annual_desc desc;
+    struct daylight *weather;
+    struct prepared_scene *set;
+    struct relighter *relighter;
+    struct environment *environment;
+    double *weights; /* of irradiance_upward */
+    struct points points;
+    uint32_t first_packet;    /* of the sensors */
+    struct glare_view *glare; /* NULL: no fisheye view */
+    struct ledger ledger;
+    struct sensor_year *sensors; /* [points.count], at least 1 */
+    float *lux, *sun_lux;        /* likewise, of a moment */
+    float *factor;               /* daylight factors, likewise */
+    double occupied;             /* hours that were counted */
+    float *rgb;                  /* [height][width][3] */
+    float *cdm2;                 /* [height][width] */
+    struct frame frame;
+    struct relight_desc light;
+    struct annual_image images[IMAGES_MAX];
+    int image_count;
+    size_t resumed;           /* rows of an earlier run: those of the first moments */
+    struct cache_share share; /* with the other ranks of a job */
+    struct lit_moment **lit;  /* [weather->count]: those that came before their turn; rank 0's */
+    size_t next;              /* the moment whose row comes next; rank 0's */
+};
+
+/* annual.c. Counts a moment for the sensors' measures; without lux it is dark. */
+void annual_count(struct annual *a, const struct moment *m, const float *lux, const float *sun_lux);
+
+/* order.c: rows in the order of time, whichever rank has lit the moments. annual_order_begin, on rank 0 or without a
+ * job: ERR_NOMEM. annual_order_add takes moment i as a->lux and a->sun_lux have it; on other ranks it sends these to
+ * rank 0. annual_order_end, on all ranks at the end: rank 0 waits for the others' moments; after an error of its own in
+ * vain. Errors of ledger_add; ERR_RANGE; ERR_NOMEM. */
+MUST_CHECK enum err annual_order_begin(struct annual *a, struct reason *why);
+MUST_CHECK enum err annual_order_add(struct annual *a, size_t i, const struct ledger_row *row, struct reason *why);
+MUST_CHECK enum err annual_order_end(struct annual *a, enum err own, struct reason *why);
+void annual_order_finish(struct annual *a);
+
+/* report.c: all files but the tables. Errors of file_store and png_encode. */
+MUST_CHECK enum err annual_report(struct annual *a, struct reason *why);
+
+/* pictures.c. annual_images_read: desc.pictures; ERR_USAGE. annual_image_of: the image requested for a moment;
+ * NULL: none. annual_image_write: the files of a moment, from a->rgb. */
+MUST_CHECK enum err annual_images_read(struct annual *a, struct reason *why);
+struct annual_image *annual_image_of(struct annual *a, const struct moment *m);
+MUST_CHECK enum err annual_image_write(struct annual *a, const struct moment *m, struct reason *why);
+void annual_image_name(const struct annual_image *p, char *out, size_t size); /* "picture-0321-0930" */
