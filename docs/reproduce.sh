@@ -49,7 +49,7 @@ furnace() {
         unit estimators_test_eye_paths a_white_court_with_mirror_and_glass_in_a_white_sky_is_white
 }
 photons() {
-    unit estimators_test_baselines photons_bring_caustics photons_bring_interreflection point_lights_bring_interreflection
+    unit estimators_test_baselines photons_bring_caustics photons_bring_indirect_light point_lights_bring_indirect_light
 }
 materials() { unit surface_test_lobes white_surfaces_return_nearly_everything_and_no_more; }
 figure5() { "$bin/figure5" --size 240x135 --runs 5 --seconds 2 --reference 400; }

@@ -222,7 +222,7 @@ async def samples_and_error_are_two_wishes_for_one_thing(folder):
         check(error and error["clause"] == "4.13.5", f"{error}")
         await one.ask(fps=7, paths="all")
         await two.until(lambda: two.last["control"]["fps"] == 7 and two.last["control"]["paths"] == "all"
-                        and "interreflection" in two.last["status"]["light"]["paths"])
+                        and "indirect light" in two.last["status"]["light"]["paths"])
 
 
 async def methods_that_cannot_light_a_sky_are_not_offered(folder):

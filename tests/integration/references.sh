@@ -17,13 +17,13 @@ against() {
 }
 
 # The mean square of a picture's noise falls from 1.3e-2 at 32 eye paths a point to 3.5e-3 at 128 and 9.5e-4 at 640;
-# without interreflection it is 1.7e-1.
-interreflection_agrees_with_cycles_under_a_low_sun() {
+# without indirect light it is 1.7e-1.
+indirect_light_agrees_with_cycles_under_a_low_sun() {
     need_data
     local sky="$data/sky/sky.0012.exr" relmse
     relmse=$(count 5e-3 1e-3)
     if [ "$planted" ] && against plaza_all_sky0012 plaza "$sky" 0.005 "$relmse" --samples 64 --indirect none; then
-        fail "a picture without interreflection passes"
+        fail "an image without indirect light passes"
     fi
     against plaza_all_sky0012 plaza "$sky" 0.005 "$relmse" --eye-paths "$(count 128 704)"
 }
@@ -63,11 +63,11 @@ light_transport_agrees_with_cycles_on_the_plaza() {
         fail "a sky turned by a degree passes"
     fi
     if [ "$planted" ] && prepared plaza_all_sky0012 plaza "$sun" 2.5e-3 --paths all --indirect none; then
-        fail "a picture without interreflection passes"
+        fail "an image without indirect light passes"
     fi
 }
 
-# Direct light and interreflection by the cache, caustics by stored paths, mirror and glass. Seen: 1.4e-3.
+# Direct light and indirect light by the cache, caustics by stored paths, mirror and glass. Seen: 1.4e-3.
 light_transport_and_stored_caustics_agree_with_cycles_on_the_ring() {
     need_data
     local sky="$data/env/overcast_city_1k.hdr"

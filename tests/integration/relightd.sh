@@ -97,9 +97,9 @@ light_transport_is_computed_beside_the_pictures_and_kept() {
     start --method cached --size 32x18 --source sky:size=128x64
     says 'in the background'
     says 'a coarse version is ready after'
-    says 'interreflection: computed in'
+    says 'indirect light: computed in'
     says 'light transport: computed in'
-    says 'light transport and interreflection: kept in'
+    says 'light transport and indirect light: kept in'
     stop
     [ "$code" = 0 ] || fail "exit code $code"
     start --method cached --size 32x18 --source sky:size=128x64

@@ -337,7 +337,7 @@ every, direct = read("all"), read("direct")
 assert every["caustics"] == "light tracer" and every["interreflection"] == "eye paths", every
 assert every["particles"] == 20000 and every["eye_paths"] == 4 and every["left_out"] == [], every
 assert every["direct"] == {"strata": 7, "sun_apart": True, "compensated": True}, every
-assert direct["left_out"] == ["caustics: not requested", "interreflection: not requested"], direct
+assert direct["left_out"] == ["caustics: not requested", "indirect light: not requested"], direct
 PY
     for paths in caustics indirect; do
         "$bin/relight-diff" "$work/$paths.exr" "$work/all.exr" >"$work/diff.txt"

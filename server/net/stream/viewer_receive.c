@@ -125,7 +125,7 @@ static void take_ack(struct viewer *v, const struct message *m, struct fault *fa
     if (unsent && sequence <= v->outdated) /* of a format watched before */
         return;
     if (unsent) {
-        fault_say(fault, FAULT_BAD_ORDER, "4.5.1", "picture %llu was not sent yet", (unsigned long long)sequence);
+        fault_say(fault, FAULT_BAD_ORDER, "4.5.1", "image %llu was not sent yet", (unsigned long long)sequence);
         return;
     }
     for (unsigned i = 0; i < v->unacked_count; i++)
@@ -187,7 +187,7 @@ static enum fault_code check_turn(const struct viewer *v, enum message_op op, st
     if (op == MESSAGE_CONTROL && v->role != SERVER_CONTROLLER)
         return fault_say(fault, FAULT_WRONG_ROLE, "4.13", "only a controller may change settings");
     if (v->role == SERVER_PRODUCER && (op == MESSAGE_SUBSCRIBE || op == MESSAGE_ACK || op == MESSAGE_PROBE))
-        return fault_say(fault, FAULT_WRONG_ROLE, "4.1.1", "a producer gets no pictures");
+        return fault_say(fault, FAULT_WRONG_ROLE, "4.1.1", "a producer gets no images");
     return FAULT_NONE;
 }
 

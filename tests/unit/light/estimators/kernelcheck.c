@@ -268,7 +268,7 @@ static void lane_functions_keep_their_stated_error(void **state)
 
 /* Indirect light's loops: ranks that fill no sixteen and that fill them, every number of packets, all kinds and rows.
  */
-static void every_level_gives_the_same_interreflection(void **state)
+static void every_level_gives_the_same_indirect_light(void **state)
 {
     enum { BASIS = 48, MOST = 37, BYTES = MOST * (3 * BASIS + (int)sizeof(float) + 48 + TRANSPORT_POINTS) };
     const struct kernels *const *all = kernels_all();
@@ -327,7 +327,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(every_level_gives_the_same_bits_at_all_options),
     cmocka_unit_test(every_level_gives_the_same_bits_at_every_count),
     cmocka_unit_test(every_level_gives_the_same_codes),
-    cmocka_unit_test(every_level_gives_the_same_interreflection),
+    cmocka_unit_test(every_level_gives_the_same_indirect_light),
     cmocka_unit_test(one_name_lowers_every_kernel),
     cmocka_unit_test(results_are_finite_and_not_negative),
     cmocka_unit_test(lane_functions_keep_their_stated_error),

@@ -66,7 +66,7 @@ static void near_path(const char *what, render_function *render, const struct wo
     }
 }
 
-static void photons_bring_interreflection(void **state)
+static void photons_bring_indirect_light(void **state)
 {
     struct world w;
 
@@ -90,7 +90,7 @@ static void photons_bring_caustics(void **state)
 
 /* Lights are cut where they are near: too dark, and less so the more there are. All pixels share the lights, so there
  * are few pixels and many lights. */
-static void point_lights_bring_interreflection(void **state)
+static void point_lights_bring_indirect_light(void **state)
 {
     struct world w;
 
@@ -218,8 +218,8 @@ static void cancelled_work_and_a_black_sky_are_black(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(photons_bring_interreflection),      cmocka_unit_test(photons_bring_caustics),
-    cmocka_unit_test(point_lights_bring_interreflection), cmocka_unit_test(point_lights_and_their_pixels_are_counted),
+    cmocka_unit_test(photons_bring_indirect_light),      cmocka_unit_test(photons_bring_caustics),
+    cmocka_unit_test(point_lights_bring_indirect_light), cmocka_unit_test(point_lights_and_their_pixels_are_counted),
     cmocka_unit_test(background_and_direct_are_paths),    cmocka_unit_test(a_dim_sky_lights_as_a_bright_one_everywhere),
     cmocka_unit_test(threads_do_not_change_a_bit),        cmocka_unit_test(cancelled_work_and_a_black_sky_are_black),
 };

@@ -82,7 +82,7 @@ static void caustics_agree_with_path(void **state)
     compare(PATH_CAUSTICS, 1.0f, 48, 1e-2);
 }
 
-static void interreflection_agrees_with_path(void **state)
+static void indirect_light_agrees_with_path(void **state)
 {
     (void)state;
     compare(PATH_INDIRECT, 1.0f, 48, 8e-3);
@@ -161,7 +161,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(background_agrees_with_path),
     cmocka_unit_test(direct_agrees_with_path),
     cmocka_unit_test(caustics_agree_with_path),
-    cmocka_unit_test(interreflection_agrees_with_path),
+    cmocka_unit_test(indirect_light_agrees_with_path),
     cmocka_unit_test(all_classes_together_agree_with_path),
     cmocka_unit_test(threads_do_not_change_a_bit),
     cmocka_unit_test(cancelled_work_leaves_black),

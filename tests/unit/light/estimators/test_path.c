@@ -130,7 +130,7 @@ static void a_wedge_has_its_closed_form(void **state)
         world_make(&w, s, &close, 4, 4, sky_environment(sky_constant(32, 16, 1.0f), 16, 0.0));
         expect(&w, "direct", PATH_DIRECT, 0.3);
         expect(&w, "caustics", PATH_CAUSTICS, mirror ? 0.3 * 0.8 : 0.0);
-        expect(&w, "interreflection", PATH_INDIRECT, mirror ? 0.0 : 0.3 / 0.7 - 0.3);
+        expect(&w, "indirect light", PATH_INDIRECT, mirror ? 0.0 : 0.3 / 0.7 - 0.3);
         world_finish(&w);
     }
 }

@@ -21,7 +21,7 @@ struct budget {
 /* Under each sky, and all together, each sky counting the same: that sees less. */
 static void assert_sides_agree(struct world *w, float reach, const struct budget *b)
 {
-    const struct technique path = { "interreflection", BY_PATH, PATH_INDIRECT_LIT, .count = b->samples };
+    const struct technique path = { "indirect light", BY_PATH, PATH_INDIRECT_LIT, .count = b->samples };
     const struct technique light = { "indirect light, lit", BY_LIGHT, PATH_INDIRECT_LIT, .count = b->particles };
     struct estimate eye_sum = { { 0.0 }, { 0.0 } }, light_sum = { { 0.0 }, { 0.0 } };
 

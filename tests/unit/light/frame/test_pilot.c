@@ -233,7 +233,7 @@ static void nothing_is_left_out_where_the_time_is_short(void **state)
             struct pilot_stats said;
             fly(p, e, &light, (struct pilot_target){ .seconds = seconds[k] }, 1, rgb, &stats, &said);
             assert_int_equal(stats.plan.indirect, PLAN_EYE);
-            assert_false(says(&stats, "interreflection"));
+            assert_false(says(&stats, "indirect light"));
             assert_true(said.part[PILOT_EYE].n >= 1.0 && stats.eye.paths > 0);
             assert_true(said.denoised == !enough && !stats.bias == enough);
             assert_true(said.in_time == enough && said.met == enough);

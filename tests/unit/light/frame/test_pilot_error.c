@@ -131,7 +131,7 @@ static void the_error_said_is_true_under_a_sun(void **state)
             "sun, direct");
 }
 
-static void the_error_said_is_true_with_interreflection(void **state)
+static void the_error_said_is_true_with_indirect_light(void **state)
 {
     (void)state;
     compare(sky_environment(sky_overcast(64, 32), 32, 0.0), PATH_ALL, (struct pilot_target){ .error = 0.05 },
@@ -236,7 +236,7 @@ static void the_choice_is_near_the_best_of_all_under_a_sun(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_error_said_is_true_under_cloud),
     cmocka_unit_test(the_error_said_is_true_under_a_sun),
-    cmocka_unit_test(the_error_said_is_true_with_interreflection),
+    cmocka_unit_test(the_error_said_is_true_with_indirect_light),
     cmocka_unit_test(no_light_is_missing_in_haste),
     cmocka_unit_test(the_choice_is_near_the_best_of_all_under_cloud),
     cmocka_unit_test(the_choice_is_near_the_best_of_all_under_a_sun),

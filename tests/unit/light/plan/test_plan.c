@@ -65,7 +65,7 @@ static void the_sky_decides_who_finds_caustics(void **state)
     assert_int_equal(planned(&f, &everything).caustics, PLAN_EYE);
 }
 
-static void dark_surfaces_need_no_interreflection(void **state)
+static void dark_surfaces_need_no_indirect_light(void **state)
 {
     struct plan_facts f = court;
     struct plan_wish w = everything;
@@ -193,7 +193,7 @@ static void names_are_read_and_others_refused(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_scene_without_casters_has_no_caustics),
     cmocka_unit_test(the_sky_decides_who_finds_caustics),
-    cmocka_unit_test(dark_surfaces_need_no_interreflection),
+    cmocka_unit_test(dark_surfaces_need_no_indirect_light),
     cmocka_unit_test(what_is_behind_mirrors_is_left_to_eye_paths),
     cmocka_unit_test(what_was_not_asked_for_is_not_done),
     cmocka_unit_test(counts_follow_the_samples_unless_they_are_given),
