@@ -86,7 +86,7 @@ def wrong(text):
             codes[cells[0].strip("`")] = None if cells[1] == "stays open" else int(cells[1])
     if codes != p.ERRORS:
         yield f"section 8 and the model differ: {set(codes.items()) ^ set(p.ERRORS.items())}"
-    for heading, table in (("6. Picture", p.PICTURE), ("7. Environment frame", p.ENVIRONMENT)):
+    for heading, table in (("6. Image", p.PICTURE), ("7. Environment frame", p.ENVIRONMENT)):
         rows = [(int(c[0]), c[1]) for c in rows_of(text, heading)][:-1]
         if rows != [(offset, kind) for offset, kind, _ in table]:
             yield f"section {heading}: its table and the model differ: {set(rows) ^ {t[:2] for t in table}}"
