@@ -112,6 +112,14 @@ rooms_tree server/cellar/a.c 'int a;'
 expect 'server/cellar: is not in server/rooms.txt'
 rooms_tree server/sky/tables/a.c "$(lines 7001)"
 expect 'lines, at most 7000'
+rooms_tree server/sky/a.c 'int a;'
+expect 'server/sky: is not in server/rooms.txt'
+rooms_tree README.md 'clean'
+sed -i 's/| base | skies/| base net\/stream | skies/' "$tree/server/rooms.txt"
+expect 'sky/tables may include net/stream, which stands below it'
+rooms_tree README.md 'clean'
+mkdir "$tree"/server/{a,b,c,d,e,f,g,h,i}
+expect 'server: 13 folders, at most 12'
 rooms_tree README.md 'clean'
 sed -i 's/| skies |/| clouds |/' "$tree/docs/internals/rooms.md"
 expect 'docs/internals/rooms.md: does not show'
