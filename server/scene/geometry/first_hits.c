@@ -1,7 +1,6 @@
 #include "scene/geometry/first_hits.h"
 
 #include "base/mem.h"
-#include "base/rng.h"
 #include "scene/geometry/coverage.h"
 
 #include <math.h>
@@ -48,9 +47,7 @@ static bool trace(const struct tracing *t, double x, double y, uint32_t side, st
     const struct view *v = t->view;
     const struct vec3 origin = vec3_make((float)v->origin[0], (float)v->origin[1], (float)v->origin[2]);
     const struct vec3 dir = view_direction(v, x, y);
-    const double cosine = v->ahead[0] * dir.x + v->ahead[1] * dir.y + v->ahead[2] * dir.z;
-    const float angle = v->projection == PROJECTION_PERSPECTIVE ? (float)(v->step * cosine * sqrt(cosine) / side)
-                                                                : (float)(sqrt(view_solid_angle(v, dir)) / side);
+    const float angle = (float)(sqrt(view_solid_angle(v, dir)) / side);
     const float sharp[2][2] = { { 0.0f } };
     float left = view_sees(v, x, y) ? 1.0f : 0.0f, from = 0.0f;
     bool found = false, varies;
@@ -104,7 +101,7 @@ static bool is_plain(const struct gbuffer *g, size_t pixel)
     return misses == 1 || !g->packets[g->entries[first].point / PACKET].behind[g->entries[first].point % PACKET];
 }
 
-/* One ray through the centre; for shares, side^2 rays with the G-buffer's jitter in pixels with edges. */
+/* One ray through the centre; for shares, side^2 rays as the G-buffer's in pixels with edges. */
 static void see_pixel(const struct tracing *t, uint32_t x, uint32_t y, struct pile *p)
 {
     const size_t pixel = (size_t)y * t->g->width + x;
@@ -119,10 +116,9 @@ static void see_pixel(const struct tracing *t, uint32_t x, uint32_t y, struct pi
         return;
     p->count = 0;
     for (uint32_t i = 0; i < t->side * t->side; i++) {
-        struct rng r = { rng_mix(pixel, i) };
-        const double jx = (i % t->side + rng_next(&r)) / t->side;
-        const double jy = (i / t->side + rng_next(&r)) / t->side;
-        trace(t, x + jx, y + jy, t->side, p, &h);
+        double at[2];
+        view_ray_in_pixel(i, t->side, at);
+        trace(t, x + at[0], y + at[1], t->side, p, &h);
     }
     qsort(p->at, p->count, sizeof(p->at[0]), by_share);
 }

@@ -2,7 +2,6 @@
 
 #include "base/mem.h"
 #include "base/progress.h"
-#include "base/rng.h"
 #include "scene/geometry/gbuffer_build.h"
 #include "scene/geometry/view.h"
 
@@ -49,20 +48,15 @@ struct scratch {
     struct slab *slab;       /* receives the copies; NULL: none yet */
 };
 
-/* Traces the ray through (x, y), one of `side` x `side` in the pixel. A pixel off the image centre subtends less: its
- * edge is the square root of its solid angle step^2 cos^3. */
+/* Traces the ray through (x, y), one of `side` x `side` in the pixel, whose solid angle is an edge squared. */
 static uint32_t trace(const struct build *b, double x, double y, uint32_t side, bool glance, struct leaf out[LEAF_MAX],
                       struct sighting *found, struct sight_count *count)
 {
     const struct vec3 o = b->desc->camera->position, dir = view_direction(&b->view, x, y);
-    const double *ahead = b->view.ahead, cosine = ahead[0] * dir.x + ahead[1] * dir.y + ahead[2] * dir.z;
+    const float angle = (float)(sqrt(view_solid_angle(&b->view, dir)) / side);
 
-    if (b->view.projection == PROJECTION_PERSPECTIVE)
-        return sight_trace(&b->sight, o, dir, (float)(b->view.step * cosine * sqrt(cosine) / side), glance, out, found,
-                           count);
     if (view_sees(&b->view, x, y))
-        return sight_trace(&b->sight, o, dir, (float)(sqrt(view_solid_angle(&b->view, dir)) / side), glance, out, found,
-                           count);
+        return sight_trace(&b->sight, o, dir, angle, glance, out, found, count);
     *found = (struct sighting){ .uneven = false };
     return 0;
 }
@@ -77,9 +71,7 @@ static void trace_centres(const struct build *b, uint32_t y, struct leaf *centre
         uneven[x] = found.uneven || n != 1;
         if (glow)
             memcpy(glow + 3 * (size_t)x, found.glow, sizeof(found.glow));
-        centres[x] = leaves[0];
-        if (n == 0)
-            memset(&centres[x], 0, sizeof(centres[x]));
+        centres[x] = n > 0 ? leaves[0] : (struct leaf){ .missed = false };
     }
 }
 
@@ -108,7 +100,7 @@ static bool is_edge(const struct build *b, const struct scratch *s, uint32_t row
             const struct leaf *other = &s->centres[at];
             if (s->uneven[at] || own->missed != other->missed)
                 return true;
-            if (!own->missed && (!leaf_alike(&b->sight, own, other) || !same_colour(own, other)))
+            if (!own->missed && (!leaf_alike(&b->sight, own, other, INFINITY) || !same_colour(own, other)))
                 return true;
         }
     }
@@ -133,22 +125,19 @@ static bool glow_varies(const struct build *b, const struct scratch *s, uint32_t
     return false;
 }
 
-/* Leaves of pixel (x, y) from side^2 jittered rays, merged, and the mean of what they saw emitted. The jitter is
- * deterministic. */
+/* Leaves of pixel (x, y) from side^2 rays, merged, and the mean of what they saw emitted. */
 static uint32_t trace_edge(const struct build *b, const struct scratch *s, uint32_t x, uint32_t y, float glow[3],
                            struct sight_count *count)
 {
-    const uint64_t pixel = (uint64_t)y * b->desc->width + x;
     const float share = 1.0f / (float)(b->side * b->side);
     uint32_t n = 0;
 
     glow[0] = glow[1] = glow[2] = 0.0f;
     for (uint32_t i = 0; i < b->side * b->side; i++) {
-        struct rng r = { rng_mix(pixel, i) };
-        const double jx = (i % b->side + rng_next(&r)) / b->side;
-        const double jy = (i / b->side + rng_next(&r)) / b->side;
+        double at[2];
+        view_ray_in_pixel(i, b->side, at);
         struct sighting found;
-        const uint32_t more = trace(b, x + jx, y + jy, b->side, false, s->leaves + n, &found, count);
+        const uint32_t more = trace(b, x + at[0], y + at[1], b->side, false, s->leaves + n, &found, count);
         for (int c = 0; c < 3; c++)
             glow[c] += share * found.glow[c];
         for (uint32_t k = n; k < n + more; k++) {
@@ -537,9 +526,7 @@ enum err gbuffer_create(const struct scene *scene, const struct rays *rays, cons
     b.g->height = desc->height;
     b.g->interleave = desc->interleave ? desc->interleave : 1;
     view_init(&b.view, desc->camera, desc->width, desc->height);
-    b.g->pixel_angle = desc->camera->projection == PROJECTION_PERSPECTIVE
-                           ? 2.0f * tanf(0.5f * desc->camera->fov_y) / (float)desc->height
-                           : (float)b.view.step;
+    b.g->pixel_angle = (float)b.view.step;
     b.sight = (struct sight){ .scene = scene,
                               .rays = rays,
                               .pixel_angle = b.g->pixel_angle,

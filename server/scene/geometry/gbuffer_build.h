@@ -80,8 +80,8 @@ struct sighting {
 uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, float angle, bool glance,
                      struct leaf out[LEAF_MAX], struct sighting *found, struct sight_count *count);
 
-/* Whether two leaves can be shaded as one point, or looked up as one direction. */
-bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *b);
+/* Whether two leaves can be shaded as one point at most `reach` footprints apart, or looked up as one direction. */
+bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *b, float reach);
 
 /* Of clusters of leaves: lists in the leaves' order. */
 struct leaf_link {

@@ -3,7 +3,10 @@
 #include <math.h>
 
 #define COS_5_DEGREES 0.99619470f
+#define COS_10_DEGREES 0.98480775f
 #define COS_30_DEGREES 0.86602540f
+#define LOBE_PART 0.8f      /* of alpha, radians */
+#define REACH 6.0f          /* footprints: a shadow often ends within them */
 #define ROUGHNESS_STEP 0.1f /* lobes whose roughness differs by more are not averaged */
 
 /* Whether the lobes differ too little to matter, as they do within a texel or two of most roughness maps. */
@@ -12,12 +15,23 @@ static bool lobes_alike(const struct leaf *a, const struct leaf *b)
     return a->kind != LOBE_GGX || fabsf(sqrtf(a->gloss) - sqrtf(b->gloss)) <= ROUGHNESS_STEP;
 }
 
-bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *b)
+/* The least cosine between normals that count as one. Where they differ by more than a lobe is wide, the sun's
+ * highlight would be on all of a pixel or on nothing. */
+static float least_cosine(const struct leaf *a, const struct leaf *b)
+{
+    const float alpha = a->kind == LOBE_PHONG ? 0.7f / sqrtf(a->gloss) : fminf(a->gloss, b->gloss); /* as wide */
+
+    if (a->kind == LOBE_LAMBERT || alpha <= 0.0f)
+        return COS_10_DEGREES;
+    return fmaxf(COS_10_DEGREES, fminf(0.99999f, 1.0f - 0.5f * (LOBE_PART * alpha) * (LOBE_PART * alpha)));
+}
+
+bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *b, float reach)
 {
     if (a->missed != b->missed || a->bounces != b->bounces)
         return false;
     if (a->missed)
-        return vec3_length(vec3_sub(a->arrival, b->arrival)) <= s->pixel_angle;
+        return vec3_length(vec3_sub(a->arrival, b->arrival)) <= 1.5f * s->pixel_angle; /* a diagonal */
     if (a->mesh != b->mesh || a->material != b->material || a->kind != b->kind || a->layer != b->layer ||
         !lobes_alike(a, b))
         return false;
@@ -25,14 +39,17 @@ bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *
     const struct material *m = &s->scene->materials[a->material];
     const bool mapped = (m->maps & MAP_NORMAL) && (a->layer == LAYER_BASE || m->coat_bent);
     /* With interpolated normals, the geometric normals only determine what lies below the horizon. */
-    const float geometric_least = s->scene->meshes[a->mesh].normals ? COS_30_DEGREES : COS_5_DEGREES;
-    if (vec3_dot(a->surface.shading, b->surface.shading) < (mapped ? COS_30_DEGREES : COS_5_DEGREES) ||
+    const float least = least_cosine(a, b),
+                geometric_least = s->scene->meshes[a->mesh].normals ? COS_30_DEGREES : least;
+    if (vec3_dot(a->surface.shading, b->surface.shading) < (mapped ? COS_30_DEGREES : least) ||
         vec3_dot(a->surface.geometric, b->surface.geometric) < geometric_least)
         return false;
     if (a->bounces > 0 && vec3_dot(a->arrival, b->arrival) < COS_5_DEGREES)
         return false;
     const struct vec3 apart = vec3_sub(b->surface.position, a->surface.position);
-    return fabsf(vec3_dot(apart, a->surface.geometric)) <= fmaxf(a->footprint, b->footprint);
+    const float step = fmaxf(a->footprint, b->footprint); /* behind mirrors and glass it tells little of nearness */
+    return fabsf(vec3_dot(apart, a->surface.geometric)) <= step &&
+           (a->bounces > 0 || vec3_length(apart) <= reach * step);
 }
 
 /* The position of a leaf in clustering space: escapes by direction, points by position. */
@@ -150,7 +167,7 @@ void leaves_merge(const struct sight *s, struct leaf *leaves, struct leaf_link *
     /* Each leaf joins the first seed it is similar to, else becomes a seed. */
     for (uint32_t i = 0; i < *count; i++) {
         uint32_t k = 0;
-        while (k < clusters && !leaf_alike(s, &leaves[links[k].seed], &leaves[i]))
+        while (k < clusters && !leaf_alike(s, &leaves[links[k].seed], &leaves[i], REACH))
             k++;
         if (k == clusters)
             links[clusters++].seed = i;

@@ -102,41 +102,33 @@ struct vec3 view_direction(const struct view *v, double x, double y)
     return vec3_make((float)(d[0] * l), (float)(d[1] * l), (float)(d[2] * l));
 }
 
-static bool fisheye_project(const struct view *v, const double d[3], struct projection *out)
+void view_ray_in_pixel(uint32_t i, uint32_t side, double out[2])
 {
-    const double distance = sqrt(dot3(d, d)), depth = dot3(d, v->ahead) / distance;
-    const double angle = acos(fmin(1.0, fmax(-1.0, depth)));
-    const double right = dot3(d, v->step_x), down = dot3(d, v->step_y), side = sqrt(right * right + down * down);
-    const double r = v->projection == PROJECTION_EQUIDISTANT ? angle / v->step : 2.0 * sin(0.5 * angle) / v->step;
-
-    if (!(distance > 0.0 && angle <= v->half_angle))
-        return false;
-    out->x = 0.5 * v->width + (side > 0.0 ? r * right / side : 0.0);
-    out->y = 0.5 * v->height + (side > 0.0 ? r * down / side : 0.0);
-    if (!(out->x >= 0.0 && out->x < v->width && out->y >= 0.0 && out->y < v->height))
-        return false;
-    out->distance = distance;
-    out->to_eye = vec3_make((float)(-d[0] / distance), (float)(-d[1] / distance), (float)(-d[2] / distance));
-    out->response = 1.0 / (distance * distance * fmax(fisheye_solid_angle(v, angle), 1e-12));
-    return true;
+    out[0] = (i % side + (side - i / side - 0.5) / side) / side;
+    out[1] = (i / side + (i % side + 0.5) / side) / side;
 }
 
 bool view_project(const struct view *v, struct vec3 p, struct projection *out)
 {
     const double d[3] = { p.x - v->origin[0], p.y - v->origin[1], p.z - v->origin[2] };
-    const double depth = dot3(d, v->ahead), area = v->step * v->step;
+    const double distance = sqrt(dot3(d, d)), depth = dot3(d, v->ahead), cosine = depth / distance;
+    const double right = dot3(d, v->step_x), down = dot3(d, v->step_y), side = sqrt(right * right + down * down);
+    double scale = 1.0 / (depth * v->step * v->step), solid_angle = v->step * v->step * cosine * cosine * cosine;
+    bool seen = depth > 0.0;
 
-    if (v->projection != PROJECTION_PERSPECTIVE)
-        return fisheye_project(v, d, out);
-    if (!(depth > 0.0))
+    if (v->projection != PROJECTION_PERSPECTIVE) {
+        const double angle = acos(fmin(1.0, fmax(-1.0, cosine)));
+        const double r = v->projection == PROJECTION_EQUIDISTANT ? angle / v->step : 2.0 * sin(0.5 * angle) / v->step;
+        scale = side > 0.0 ? r / side : 0.0;
+        solid_angle = fmax(fisheye_solid_angle(v, angle), 1e-12);
+        seen = distance > 0.0 && angle <= v->half_angle;
+    }
+    out->x = 0.5 * v->width + scale * right;
+    out->y = 0.5 * v->height + scale * down;
+    if (!(seen && out->x >= 0.0 && out->x < v->width && out->y >= 0.0 && out->y < v->height))
         return false;
-    out->x = 0.5 * v->width + dot3(d, v->step_x) / (depth * area);
-    out->y = 0.5 * v->height + dot3(d, v->step_y) / (depth * area);
-    if (!(out->x >= 0.0 && out->x < v->width && out->y >= 0.0 && out->y < v->height))
-        return false;
-    out->distance = sqrt(dot3(d, d));
-    const double l = -1.0 / out->distance, cosine = depth / out->distance;
-    out->to_eye = vec3_make((float)(d[0] * l), (float)(d[1] * l), (float)(d[2] * l));
-    out->response = 1.0 / (area * out->distance * out->distance * cosine * cosine * cosine);
+    out->distance = distance;
+    out->to_eye = vec3_make((float)(-d[0] / distance), (float)(-d[1] / distance), (float)(-d[2] / distance));
+    out->response = 1.0 / (distance * distance * solid_angle);
     return true;
 }

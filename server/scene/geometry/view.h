@@ -28,6 +28,10 @@ struct vec3 view_direction(const struct view *v, double x, double y);
 /* Whether (x, y) of the image shows anything: not outside a fisheye's circle. */
 bool view_sees(const struct view *v, double x, double y);
 
+/* Where ray i of the side^2 of a pixel goes, in pixels from its upper left corner: one to each cell of a grid, to each
+ * of side^2 columns and to each of side^2 rows, so that of an upright or level edge half a ray is missed at most. */
+void view_ray_in_pixel(uint32_t i, uint32_t side, double out[2]);
+
 /* The solid angle of a pixel in unit direction w, sr. */
 double view_solid_angle(const struct view *v, struct vec3 w);
 

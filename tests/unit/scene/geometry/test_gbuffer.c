@@ -1,52 +1,13 @@
 #include "import/reader/builtin.h"
 #include "scene/geometry/files.h"
 #include "scene/geometry/load.h"
-#include "support/gbuffers.h"
+#include "scene/geometry/quads.h"
 
 #include "scene/geometry/gbuffer.h"
 
 #include <math.h>
 #include <omp.h>
 #include <sys/resource.h>
-
-/* 64 x 64 pixels that span -1..1 at distance 1: a pixel is 1/32 m there. The camera looks along -z, x to the right. */
-static const struct camera front = { "front", { 0, 0, 1 }, { 0, 0, 0 }, { 0, 1, 0 }, (float)PI / 2.0f };
-
-struct view {
-    struct scene *scene;
-    struct rays *rays;
-    struct gbuffer *g;
-};
-
-/* A scene of one grey mesh of quads, seen from the front. */
-static struct view view_quads(const float (*corners)[3], uint32_t quads, uint32_t edge_rays)
-{
-    const struct gbuffer_desc d = { .camera = &front, .width = 64, .height = 64, .edge_rays = edge_rays };
-    struct view v = { .scene = scene_create() };
-
-    add_quads(v.scene, add_lambert(v.scene, 0.5f), corners, quads);
-    assert_int_equal(scene_finish(v.scene, "quads", NULL), ERR_OK);
-    v.rays = rays_create_for(v.scene, cpu_best());
-    v.g = gbuffer_of(v.scene, v.rays, &d);
-    return v;
-}
-
-static void view_end(struct view *v)
-{
-    gbuffer_destroy(v->g);
-    rays_destroy(v->rays);
-    scene_destroy(v->scene);
-}
-
-static float weight_of_points(const struct gbuffer *g, uint32_t x, uint32_t y)
-{
-    const size_t i = (size_t)y * g->width + x;
-    float sum = 0.0f;
-
-    for (uint32_t k = g->entry_first[i]; k < g->entry_first[i + 1]; k++)
-        sum += g->entries[k].weight[1];
-    return sum;
-}
 
 static float weight_of_misses(const struct gbuffer *g, uint32_t x, uint32_t y)
 {
@@ -150,63 +111,6 @@ static void background_is_one_escape_through_the_pixel_centre(void **state)
         }
     }
     view_end(&v);
-}
-
-static void facets_within_a_pixel_are_kept_apart(void **state)
-{
-    /* a roof whose ridge runs down the middle of pixel column 32 */
-    const float m = 0.5f / 32.0f;
-    const float roof[8][3] = { { -2, -2, -2 }, { m, -2, 0 },  { m, 2, 0 },  { -2, 2, -2 },
-                               { m, -2, 0 },   { 2, -2, -2 }, { 2, 2, -2 }, { m, 2, 0 } };
-
-    (void)state;
-    struct view v = view_quads(roof, 2, 4);
-    for (uint32_t y = 0; y < 64; y++) {
-        const size_t i = (size_t)y * 64 + 32;
-        const uint32_t k = v.g->entry_first[i];
-        assert_int_equal(v.g->entry_first[i + 1] - k, 2);
-        const uint32_t a = v.g->entries[k].point, b = v.g->entries[k + 1].point;
-        const float na = v.g->packets[a / PACKET].ng_x[a % PACKET], nb = v.g->packets[b / PACKET].ng_x[b % PACKET];
-        assert_true(na * nb < 0.0f);
-        assert_float_equal(v.g->entries[k].weight[0], 0.5f, 1e-6f);
-    }
-    view_end(&v);
-}
-
-/* Points in pixel column 32 of a roof whose ridge runs down its middle and whose sides fall by `fall` per metre, when
- * the normals at its left and right vertices are as given. */
-static uint32_t points_on_ridge(float fall, const float left[3], const float right[3])
-{
-    const float m = 0.5f / 32.0f, f = -2.0f * fall;
-    const float roof[8][3] = { { -2 + m, -2, f }, { m, -2, 0 },     { m, 2, 0 },     { -2 + m, 2, f },
-                               { m, -2, 0 },      { 2 + m, -2, f }, { 2 + m, 2, f }, { m, 2, 0 } };
-    const struct gbuffer_desc d = { .camera = &front, .width = 64, .height = 64 };
-    struct scene *s = scene_create();
-
-    add_quads(s, add_lambert(s, 0.5f), roof, 2);
-    float *n = mem_alloc(8, 3 * sizeof(*n));
-    for (int i = 0; i < 8; i++)
-        memcpy(n + 3 * i, i < 4 ? left : right, 3 * sizeof(*n));
-    s->meshes[0].normals = n;
-    struct rays *r = rays_create_for(s, cpu_best());
-    struct gbuffer *g = gbuffer_of(s, r, &d);
-    const size_t i = (size_t)20 * 64 + 32;
-    const uint32_t points = g->entry_first[i + 1] - g->entry_first[i];
-    gbuffer_destroy(g);
-    rays_destroy(r);
-    scene_destroy(s);
-    return points;
-}
-
-static void interpolated_normals_decide_where_there_are_any(void **state)
-{
-    const float ahead[3] = { 0, 0, 1 }, left[3] = { -0.1f, 0, 0.994987f }, right[3] = { 0.1f, 0, 0.994987f };
-
-    (void)state;
-    assert_int_equal(points_on_ridge(0.0f, ahead, ahead), 1);
-    assert_int_equal(points_on_ridge(0.0f, left, right), 2);  /* a plane that pretends to have a ridge */
-    assert_int_equal(points_on_ridge(0.1f, ahead, ahead), 1); /* facets 11 degrees apart that pretend to be smooth */
-    assert_int_equal(points_on_ridge(0.5f, ahead, ahead), 2); /* 53 degrees: the light's horizon is another */
 }
 
 static bool same_gbuffer(const struct gbuffer *a, const struct gbuffer *b)
@@ -545,8 +449,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(half_covered_pixels_weigh_half),
     cmocka_unit_test(weights_sum_to_one_everywhere),
     cmocka_unit_test(background_is_one_escape_through_the_pixel_centre),
-    cmocka_unit_test(facets_within_a_pixel_are_kept_apart),
-    cmocka_unit_test(interpolated_normals_decide_where_there_are_any),
     cmocka_unit_test(same_bits_at_any_number_of_threads),
     cmocka_unit_test(packets_are_whole),
     cmocka_unit_test(packets_are_near_each_other),

@@ -1,6 +1,7 @@
 unit_test(geometry test_rays)
 unit_test(geometry test_free_view m)
 unit_test(geometry test_gbuffer formats OpenMP::OpenMP_C)
+unit_test(geometry test_edges)
 unit_test(geometry test_coverage)
 unit_test(geometry test_instances)
 unit_test(geometry test_texture)
