@@ -152,9 +152,9 @@ struct sun_kernels {
     /* Adds the light of a round of samples to sum[3][16], before division by their number, and their visibility to
      * *view. Returns the number of rays. rays: NULL if everything is visible. narrow: the packet has gazes too, and the
      * lobes count with their balance heuristic share. variant: per lane, below TRANSPORT_VARIANTS. */
-    uint64_t (*light)(const struct rays *rays, const struct transport_sun *b, const struct shade_packet *p,
-                      bool narrow, const uint32_t variant[PACKET], const struct transport_round *round,
-                      float sum[3][PACKET], struct transport_view *view);
+    uint64_t (*light)(const struct rays *rays, const struct transport_sun *b, const struct shade_packet *p, bool narrow,
+                      const uint32_t variant[PACKET], const struct transport_round *round, float sum[3][PACKET],
+                      struct transport_view *view);
     /* Writes the light of a LOBE_LAMBERT packet that sees all of the sun to sum[3][16], without sampling.
      * False, and nothing is written, if a horizon cuts its cone. */
     bool (*open)(const struct transport_sun *b, const struct shade_packet *p, float sum[3][PACKET]);
@@ -240,7 +240,6 @@ struct transport_fade {
     struct transport_block old; /* without pieces: light in lo, computed by other techniques */
     uint8_t weight;             /* of the new block, in units of 1 / TRANSPORT_FADE; 0: not built yet */
     bool from_cells;            /* old has pieces */
-    bool changed;               /* the block or its weight changed since transport_live_versions */
 };
 
 struct transport_last;
@@ -359,7 +358,7 @@ MUST_CHECK enum err transport_compress(struct transport_workspace *w, struct tra
 
 /* Draws the frame's samples of the sun of t->sky. Uses all OpenMP threads. ERR_NOMEM. */
 MUST_CHECK enum err transport_sun_draw(struct transport *t, const struct environment *e,
-                                          const struct transport_frame *f);
+                                       const struct transport_frame *f);
 
 /* Adds the block's light from the sun to lo[packets][3][16] and the number of rays to *rays. Returns the number
  * of packets in penumbrae. Thread: any. */

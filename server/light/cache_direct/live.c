@@ -186,7 +186,6 @@ static void take(struct transport_block *b, struct transport_fade *f, struct tra
 {
     f->from_cells = f->weight > 0;
     f->weight = 0;
-    f->changed = true;
     f->old = *b;
     *b = *next;
     mem_free(next);
@@ -196,7 +195,6 @@ static void take(struct transport_block *b, struct transport_fade *f, struct tra
 static bool step(struct transport_live *live, struct transport_fade *f, bool to_end)
 {
     f->weight = to_end ? TRANSPORT_FADE : f->weight + 1;
-    f->changed = true;
     if (f->weight < TRANSPORT_FADE)
         return false;
     block_free(live, &f->old);
@@ -262,18 +260,4 @@ void transport_live_advance(struct transport_live *live)
 void transport_live_settle(struct transport_live *live)
 {
     advance(live, true);
-}
-
-void transport_live_versions(struct transport *t, float *final, bool *changed)
-{
-    for (uint32_t k = 0; k < t->block_count; k++) {
-        const struct transport_block *b = &t->blocks[k];
-        struct transport_fade *f = t->fades ? &t->fades[k] : NULL;
-        for (uint32_t i = b->first; i < b->first + b->packets; i++) {
-            final[i] = !f ? 1.0f : b->fine ? (float)f->weight / TRANSPORT_FADE : 0.0f;
-            changed[i] = f && f->changed;
-        }
-        if (f)
-            f->changed = false;
-    }
 }

@@ -58,11 +58,6 @@ void transport_live_advance(struct transport_live *live);
 /* As transport_live_advance, without fading, for callers that waited for the finished cache. */
 void transport_live_settle(struct transport_live *live);
 
-/* Versions in the cache to shade with, complete or not, for every packet of the G-buffer: final[k] is the share of its
- * light that comes from the finished cache, 0 to 1; changed[k] tells whether its version has changed since the last
- * call. Entries of packets outside all blocks stay unchanged. */
-void transport_live_versions(struct transport *t, float *final, bool *changed);
-
 /* Whether a builder that may use `most` bytes waits for frames: more are held, but frames will free enough. newest:
  * what is held without what has been replaced. */
 static inline bool transport_live_waits(uint64_t most, uint64_t held, uint64_t newest)

@@ -226,7 +226,9 @@ struct indirect_effort {                              /* of a build: the full on
     uint32_t basis_points, basis_records, basis_rays; /* points and records whose light, by this many rays each,
                                                          determines the basis, */
     uint32_t basis;                                   /* and the maximum number of its rows */
-    uint32_t reach; /* smoothing: blocks on either side within the group; INDIRECT_GROUP: the whole group */
+    uint32_t reach;    /* smoothing: blocks on either side within the group; INDIRECT_GROUP: the whole group */
+    uint32_t cells;    /* that a packet of a record's rays looks through at once: 4 or 16 */
+    uint32_t exchange; /* rays from each spot of a record to other records */
 };
 
 struct indirect_build {

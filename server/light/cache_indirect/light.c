@@ -15,11 +15,9 @@
 #define ANGLE 0.015f /* initial size of a voxel / distance */
 #define RECORDS_LEAST 4000u
 #define RECORDS_MOST 24000u
-#define PROBES 16u      /* rays that search for surfaces, per record */
-#define RAYS_OF_SPOT 8u /* from each spot of a record to other records */
+#define PROBES 16u /* rays that search for surfaces, per record */
 #define BOUNCES_MOST 64u
-#define TOGETHER 4u /* neighbouring cells, 2 x 2 in the order of sky_cell */
-#define REST 3e-3   /* share of the energy that further bounces may have */
+#define REST 3e-3 /* share of the energy that further bounces may have */
 
 /* ---- Places ---- */
 
@@ -151,10 +149,19 @@ uint32_t indirect_direction(uint32_t cell, uint64_t turn, uint32_t l, uint32_t *
     return (cell + *which) * PACKET + (2 * (quarter / 2) + random / 2) * INDIRECT_SIDE + 2 * (quarter % 2) + random % 2;
 }
 
-/* Traces two directions from each spot of a record, through TOGETHER cells: out[cell] is the mean of cos / pi (for ggx,
- * of the matte part's share of it) times the solid angle. */
+/* As indirect_direction, or each lane looks through a cell of its own. */
+static uint32_t direction(const struct indirect_build *b, uint32_t cell, uint64_t turn, uint32_t l, uint32_t *which)
+{
+    if (b->effort->cells < PACKET)
+        return indirect_direction(cell, turn, l, which);
+    *which = l;
+    return (cell + l) * PACKET + (uint32_t)(turn >> 4 * l) % PACKET;
+}
+
+/* Traces four directions from each spot of a record, through effort.cells neighbouring cells, in the order of sky_cell:
+ * out[cell] is the mean of cos / pi (for ggx, of the matte part's share of it) times the solid angle. */
 static void light_by(const struct indirect_build *b, const struct indirect_spot *spots, struct ray16 *ray,
-                     uint32_t cell, float out[TOGETHER], uint64_t *rays)
+                     uint32_t cell, float out[PACKET], uint64_t *rays)
 {
     const uint64_t turn = rng_mix(spots->key, cell);
     _Alignas(64) int32_t valid[PACKET];
@@ -162,7 +169,7 @@ static void light_by(const struct indirect_build *b, const struct indirect_spot 
     uint32_t which[PACKET], count = 0;
 
     for (uint32_t l = 0; l < PACKET; l++) {
-        const uint32_t at = indirect_direction(cell, turn, l, &which[l]);
+        const uint32_t at = direction(b, cell, turn, l, &which[l]);
         const float x = b->directions.x[at], y = b->directions.y[at], z = b->directions.z[at];
         const struct indirect_spot *s = &spots[l % INDIRECT_SPOTS];
         const float above = s->geometric.x * x + s->geometric.y * y + s->geometric.z * z;
@@ -176,13 +183,13 @@ static void light_by(const struct indirect_build *b, const struct indirect_spot 
         ray->dir_z[l] = z;
         ray->tfar[l] = INFINITY;
     }
-    memset(out, 0, TOGETHER * sizeof(*out));
+    memset(out, 0, PACKET * sizeof(*out));
     if (count == 0)
         return;
     rays_occluded16(b->desc->rays, RAYS_TOGETHER, valid, ray);
     *rays += count;
-    for (uint32_t l = 0; l < PACKET; l++) /* weights are for a cell's sixteen directions, of which four are traced */
-        out[which[l]] += valid[l] && ray->tfar[l] > 0.0f ? value[l] * (float)(4.0 / PI) : 0.0f;
+    for (uint32_t l = 0; l < PACKET; l++) /* weights are for all of a cell's directions; 16 / cells are traced */
+        out[which[l]] += valid[l] && ray->tfar[l] > 0.0f ? value[l] * (float)(b->effort->cells / PI) : 0.0f;
 }
 
 static uint64_t light_record(const struct indirect_build *b, uint32_t r)
@@ -194,10 +201,10 @@ static uint64_t light_record(const struct indirect_build *b, uint32_t r)
 
     precedence_give_way(b->desc->urgent);
     set_origins(spots, &ray);
-    for (uint32_t c = 0; c < SKY_CELLS; c += TOGETHER) {
-        float out[TOGETHER];
+    for (uint32_t c = 0; c < SKY_CELLS; c += b->effort->cells) {
+        float out[PACKET];
         light_by(b, spots, &ray, c, out, &rays);
-        for (uint32_t k = 0; k < TOGETHER; k++)
+        for (uint32_t k = 0; k < b->effort->cells; k++)
             light[c + k] = half_round(out[k]);
     }
     return rays;
@@ -226,8 +233,10 @@ enum err indirect_light_records(struct indirect_build *b)
 static void trace_record(const struct indirect_build *b, const struct indirect_world *w, uint32_t r,
                          struct indirect_ends *ends)
 {
+    const uint32_t rays = INDIRECT_SPOTS * b->effort->exchange;
+
     precedence_give_way(b->desc->urgent);
-    for (uint32_t k = 0; k < INDIRECT_SPOTS * RAYS_OF_SPOT; k++) {
+    for (uint32_t k = 0; k < rays; k++) {
         const struct indirect_spot *s = &b->records.spots[(size_t)r * INDIRECT_SPOTS + k % INDIRECT_SPOTS];
         const uint64_t seed = rng_mix(b->desc->seed, s->key);
         struct rng rng = { rng_mix(seed, k) };
@@ -241,7 +250,7 @@ static void trace_record(const struct indirect_build *b, const struct indirect_w
         indirect_walk(w, s->at, dir, &rng, ends);
         for (uint32_t i = before; i < ends->count; i++)
             for (int c = 0; c < 3; c++)
-                ends->at[i].weight[c] *= weight / (float)(INDIRECT_SPOTS * RAYS_OF_SPOT);
+                ends->at[i].weight[c] *= weight / (float)rays;
     }
 }
 

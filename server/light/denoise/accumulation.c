@@ -7,44 +7,25 @@
 
 #define GROUP 128 /* packets, side by side in the image for the most part, that share w */
 #define FLOATS ((size_t)3 * PACKET)
-#define SOFT 1e-2        /* of relMSE */
-#define STEADY 0.25f     /* of the way to what is known under a still sky, in an image without a cache */
-#define WEIGHT_MOST 0.98 /* of the cache's light, against the first samples */
-
-struct group { /* sums of V and D */
-    double own, off;
-};
+#define SOFT 1e-2    /* of relMSE */
+#define STEADY 0.25f /* of the way to what is known under a still sky, in an image */
 
 struct accumulation {
     struct denoiser *denoiser;
     uint32_t packets;
-    uint64_t key, turn;  /* images since it began, */
-    uint64_t first_turn; /* and before the first one with a cache */
-    bool followed;       /* in this image */
-    bool moved;          /* the cache's light did, in this image */
-    bool has_cache;      /* `cache` is that of the last image */
-    bool still;          /* the sky is that of the last image */
-    bool slow;           /* this image may begin a glide */
-    bool shows;          /* `shown` is light with this key */
-    unsigned glide;      /* steps still to take */
-    float *half[2];      /* B, [packets][3][16], as what follows */
-    float *cache;        /* C of the last image */
-    float *shown;        /* P, changed with C */
-    float *target;       /* what it moves to: the filter's output, likewise */
-    float *final;        /* [packets], as what follows */
-    float *count;        /* n; 0: nothing is known, and B is C */
-    bool *changed;
-    struct group *groups;
-    uint32_t *due_index, *beyond_index;
-    struct packet_list due, beyond;
+    uint64_t key, turn; /* images since it began */
+    bool still;         /* the sky is that of the last image */
+    bool slow;          /* this image may begin a glide */
+    bool shows;         /* `shown` is light with this key */
+    bool leaves;        /* in the glide of accumulation_leave */
+    unsigned glide;     /* steps still to take */
+    float *half[2];     /* B, [packets][3][16], as what follows */
+    float *shown;
+    float *target;      /* what it moves to */
+    float *count;       /* [packets]: n; 0: nothing is known */
     const float *scale; /* what errors are relative to: `shown`, or what the caller gave */
     double soft;        /* 1e-2 mean(scale)^2 */
 };
-
-static uint32_t group_count(const struct accumulation *h)
-{
-    return (h->packets + GROUP - 1) / GROUP;
-}
 
 struct accumulation *accumulation_create(const struct gbuffer *g, struct denoiser *denoiser)
 {
@@ -57,17 +38,10 @@ struct accumulation *accumulation_create(const struct gbuffer *g, struct denoise
     h->packets = packets;
     for (int k = 0; k < 2; k++)
         h->half[k] = mem_alloc(packets, FLOATS * sizeof(float));
-    h->cache = mem_alloc(packets, FLOATS * sizeof(float));
     h->shown = mem_alloc(packets, FLOATS * sizeof(float));
     h->target = mem_alloc(packets, FLOATS * sizeof(float));
-    h->final = mem_alloc(packets, sizeof(*h->final));
     h->count = mem_alloc(packets, sizeof(*h->count));
-    h->changed = mem_alloc(packets, sizeof(*h->changed));
-    h->groups = mem_alloc(group_count(h), sizeof(*h->groups));
-    h->due_index = mem_alloc(packets, sizeof(*h->due_index));
-    h->beyond_index = mem_alloc(packets, sizeof(*h->beyond_index));
-    if (!h->half[0] || !h->half[1] || !h->cache || !h->shown || !h->target || !h->final || !h->count || !h->changed ||
-        !h->groups || !h->due_index || !h->beyond_index) {
+    if (!h->half[0] || !h->half[1] || !h->shown || !h->target || !h->count) {
         accumulation_destroy(h);
         return NULL;
     }
@@ -80,31 +54,10 @@ void accumulation_destroy(struct accumulation *h)
         return;
     mem_free(h->half[0]);
     mem_free(h->half[1]);
-    mem_free(h->cache);
     mem_free(h->shown);
     mem_free(h->target);
-    mem_free(h->final);
     mem_free(h->count);
-    mem_free(h->changed);
-    mem_free(h->groups);
-    mem_free(h->due_index);
-    mem_free(h->beyond_index);
     mem_free(h);
-}
-
-float *accumulation_final(struct accumulation *h)
-{
-    return h->final;
-}
-
-bool *accumulation_changed(struct accumulation *h)
-{
-    return h->changed;
-}
-
-const struct packet_list *accumulation_due(const struct accumulation *h)
-{
-    return &h->due;
 }
 
 uint64_t accumulation_turn(const struct accumulation *h)
@@ -112,36 +65,17 @@ uint64_t accumulation_turn(const struct accumulation *h)
     return h->turn;
 }
 
-const struct packet_list *accumulation_beyond(const struct accumulation *h)
-{
-    return &h->beyond;
-}
-
-static void list_packets(struct accumulation *h)
-{
-    h->due = (struct packet_list){ h->due_index, 0 };
-    h->beyond = (struct packet_list){ h->beyond_index, 0 };
-    for (uint32_t i = 0; i < h->packets; i++) {
-        if (!h->followed || (i % ACCUMULATION_TURNS == h->turn % ACCUMULATION_TURNS && h->final[i] < 1.0f))
-            h->due_index[h->due.count++] = i;
-        if (h->followed && h->final[i] >= 0.5f)
-            h->beyond_index[h->beyond.count++] = i;
-    }
-}
-
 void accumulation_begin(struct accumulation *h, uint64_t key, bool glides)
 {
     if (h->key != key) {
         memset(h->count, 0, h->packets * sizeof(*h->count));
-        memset(h->groups, 0, group_count(h) * sizeof(*h->groups));
-        h->has_cache = h->shows = false;
+        h->shows = false;
     }
     if (h->key != key || !glides)
         h->glide = 0;
     h->key = key;
-    h->followed = h->still = h->moved = false;
+    h->still = false;
     h->slow = glides;
-    list_packets(h);
 }
 
 unsigned accumulation_glides(const struct accumulation *h)
@@ -152,73 +86,6 @@ unsigned accumulation_glides(const struct accumulation *h)
 void accumulation_hold(struct accumulation *h, bool still)
 {
     h->still = still;
-}
-
-/* The cache's light becomes all that is known. */
-static void start_anew(struct accumulation *h, size_t at, const float *lo)
-{
-    memcpy(h->half[0] + at, lo + at, FLOATS * sizeof(float));
-    memcpy(h->half[1] + at, lo + at, FLOATS * sizeof(float));
-    memcpy(h->shown + at, lo + at, FLOATS * sizeof(float));
-    memcpy(h->target + at, lo + at, FLOATS * sizeof(float));
-}
-
-/* The mean change of the cache's light by the sky, as a factor. Summed in one order. */
-static float mean_change(const struct accumulation *h, const float *lo)
-{
-    double before[PACKET] = { 0.0 }, now[PACKET] = { 0.0 }, all = 0.0, changed = 0.0;
-
-    for (uint32_t i = 0; i < h->packets && h->has_cache; i++)
-        for (size_t at = i * FLOATS; at < (i + 1) * FLOATS && !h->changed[i]; at += PACKET)
-            for (size_t k = 0; k < PACKET; k++) {
-                before[k] += (double)h->cache[at + k];
-                now[k] += (double)lo[at + k];
-            }
-    for (int k = 0; k < PACKET; k++) {
-        all += before[k];
-        changed += now[k];
-    }
-    return all > 0.0 ? (float)(changed / all) : 1.0f;
-}
-
-/* b changes as the cache's light does from `was` to `is`, within the range of b, b with the mean change, and `is`. */
-static float follow(float b, float was, float is, float mean)
-{
-    const float even = mean * b;
-
-    return fminf(fmaxf(b + (is - was), fminf(fminf(b, even), is)), fmaxf(fmaxf(b, even), is));
-}
-
-void accumulation_follow(struct accumulation *h, const float *lo)
-{
-    const float mean = mean_change(h, lo);
-    bool moved = false;
-
-#pragma omp parallel for schedule(static) reduction(|| : moved)
-    for (uint32_t i = 0; i < h->packets; i++) {
-        const size_t at = i * FLOATS;
-        if (h->final[i] >= 1.0f)
-            h->count[i] = 0.0f;
-        if (h->count[i] == 0.0f) {
-            start_anew(h, at, lo);
-        } else if (h->has_cache && !h->changed[i]) {
-            for (size_t k = at; k < at + FLOATS; k++) {
-                const float was = h->cache[k], b = 0.5f * (h->half[0][k] + h->half[1][k]);
-                const float by = follow(b, was, lo[k], mean) - b;
-                moved = moved || lo[k] != was;
-                h->half[0][k] += by;
-                h->half[1][k] += by;
-                h->shown[k] = follow(h->shown[k], was, lo[k], mean);
-                h->target[k] = follow(h->target[k], was, lo[k], mean);
-            }
-        }
-        memcpy(h->cache + at, lo + at, FLOATS * sizeof(float));
-    }
-    if (!h->has_cache)
-        h->first_turn = h->turn;
-    h->followed = h->has_cache = true;
-    h->moved = moved;
-    list_packets(h);
 }
 
 /* Summed in one order. */
@@ -246,17 +113,10 @@ static void compare(const struct accumulation *h, uint32_t packet, double *own, 
     }
 }
 
-/* share: V / D. Before the first samples, B is the cache's light, or 0. */
-static double weight_of(const struct accumulation *h, uint32_t packet, double share)
-{
-    const double n = (double)h->count[packet];
-
-    return n > 0.0 ? fmin(n / (n + 1.0), share) : h->followed ? fmin(share, WEIGHT_MOST) : 0.0;
-}
-
+/* share: V / D. */
 static void add_packet(struct accumulation *h, uint32_t packet, double share)
 {
-    const double w = weight_of(h, packet, share);
+    const double n = (double)h->count[packet], w = fmin(n / (n + 1.0), share);
 
     for (int half = 0; half < 2; half++) {
         const float *s = denoiser_half(h->denoiser, half);
@@ -267,22 +127,17 @@ static void add_packet(struct accumulation *h, uint32_t packet, double share)
     h->count[packet] = (float)(1.0 / (1.0 - w));
 }
 
-/* due[0 .. count - 1] belong to group g. The means cover all packets of the group, because those of one image are too
- * few. */
-static void add_group(struct accumulation *h, uint32_t g, const uint32_t *due, uint32_t count)
+/* The means cover a group, because those of one packet are too noisy. */
+static void add_group(struct accumulation *h, uint32_t g)
 {
-    const uint32_t all = h->packets - g * GROUP < GROUP ? h->packets - g * GROUP : GROUP;
-    const double keep = 1.0 - (double)count / all;
-    struct group *sums = &h->groups[g];
+    const uint32_t first = g * GROUP, end = h->packets - first < GROUP ? h->packets : first + GROUP;
     double own = 0.0, off = 0.0;
 
-    for (uint32_t i = 0; i < count; i++)
-        if (h->count[due[i]] > 0.0f || h->followed)
-            compare(h, due[i], &own, &off);
-    sums->own = keep * sums->own + own;
-    sums->off = keep * sums->off + off;
-    for (uint32_t i = 0; i < count; i++)
-        add_packet(h, due[i], sums->own < sums->off && !h->still ? sums->own / sums->off : 1.0);
+    for (uint32_t i = first; i < end; i++)
+        if (h->count[i] > 0.0f)
+            compare(h, i, &own, &off);
+    for (uint32_t i = first; i < end; i++)
+        add_packet(h, i, own < off && !h->still ? own / off : 1.0);
 }
 
 /* The mean light of a moving sky, by colour, before B's groups are compared with the samples: a group's noise hides
@@ -315,26 +170,15 @@ static void follow_mean(struct accumulation *h)
 
 void accumulation_add(struct accumulation *h, const float *scale)
 {
-    const uint32_t *due = h->due_index;
-    const uint32_t groups = group_count(h);
-    uint32_t *first = mem_alloc(groups + 1, sizeof(*first));
-    uint32_t next = 0;
+    const uint32_t groups = (h->packets + GROUP - 1) / GROUP;
 
-    if (!first) /* the samples are lost */
-        return;
-    if (h->shows && !h->followed && !h->still)
+    if (h->shows && !h->still)
         follow_mean(h);
     h->scale = scale ? scale : h->shown;
     h->soft = softness(h);
-    for (uint32_t g = 0; g <= groups; g++) {
-        while (next < h->due.count && due[next] / GROUP < g)
-            next++;
-        first[g] = next;
-    }
 #pragma omp parallel for schedule(dynamic, 4)
     for (uint32_t g = 0; g < groups; g++)
-        add_group(h, g, due + first[g], first[g + 1] - first[g]);
-    mem_free(first);
+        add_group(h, g);
 }
 
 /* In the denoiser's own halves, whose samples are taken. */
@@ -369,45 +213,40 @@ void accumulation_glide(struct accumulation *h, float *lo)
     h->glide -= h->glide > 0;
 }
 
-/* Likewise, in an image that takes samples and does not glide. shows: light with this key. since: images since the
- * filter ran. */
-static float step_of(const struct accumulation *h, bool shows, unsigned since)
+unsigned accumulation_leave(struct accumulation *h, float *lo)
 {
-    if (!h->followed)
-        return h->still && shows ? STEADY : 1.0f;
-    return h->moved ? 1.0f : 1.0f / (float)(ACCUMULATION_TURNS - since);
+    if (!h->shows)
+        return 0;
+    h->glide = h->leaves ? h->glide : ACCUMULATION_GLIDE;
+    h->leaves = true;
+    memcpy(h->target, lo, h->packets * FLOATS * sizeof(float));
+    accumulation_glide(h, lo);
+    return h->glide;
 }
 
 void accumulation_show(struct accumulation *h, const float *const more[2], float *lo)
 {
-    const bool shows = h->shows;
+    const float step = h->still && h->shows ? STEADY : 1.0f;
     const float *filtered[2];
 
     for (int k = 0; k < 2; k++)
         filtered[k] = more ? denoiser_half(h->denoiser, k) : h->half[k];
     if (more)
         add_more(h, more);
-    const unsigned since = h->followed ? (unsigned)((h->turn - h->first_turn + 1) % ACCUMULATION_TURNS) : 0;
-    if (since == 0)
-        denoiser_filter(h->denoiser, filtered, h->target);
-    h->glide = h->slow && shows && !h->followed ? ACCUMULATION_GLIDE : 0;
+    denoiser_filter(h->denoiser, filtered, h->target);
+    h->glide = h->slow && h->shows ? ACCUMULATION_GLIDE : 0;
     h->shows = true;
+    h->leaves = false;
+    h->turn++;
     if (h->glide > 0) {
         accumulation_glide(h, lo);
-        h->turn++;
         return;
     }
-    const float step = step_of(h, shows, since);
 #pragma omp parallel for schedule(static)
-    for (uint32_t i = 0; i < h->packets; i++) {
-        const float f = h->followed ? h->final[i] : 0.0f;
-        for (size_t k = i * FLOATS; k < (i + 1) * FLOATS; k++) {
-            h->shown[k] = step < 1.0f ? h->shown[k] + step * (h->target[k] - h->shown[k]) : h->target[k];
-            const float shown = fmaxf(h->shown[k], 0.0f);
-            lo[k] = f > 0.0f ? shown + f * (h->cache[k] - shown) : shown;
-        }
+    for (size_t k = 0; k < h->packets * FLOATS; k++) {
+        h->shown[k] = step < 1.0f ? h->shown[k] + step * (h->target[k] - h->shown[k]) : h->target[k];
+        lo[k] = fmaxf(h->shown[k], 0.0f);
     }
-    h->turn++;
 }
 
 const float *accumulation_half(const struct accumulation *h, int k)

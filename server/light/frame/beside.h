@@ -1,6 +1,6 @@
 /* Caustics in live images, and the part of them that eye paths find in mirrors and through glass. They are resampled
- * in every image; a history (history.h) carries them over to the next ones, before and after the cache is complete.
- * The history of the points' other light never contains them, so that another estimator can take over.
+ * in every image; a history (accumulation.h) carries them over to the next ones, before and after the cache is
+ * complete. The history of the points' other light never contains them, so that another estimator can take over.
  *
  * Particles splat on pixels. So that the filter can process the splats, they are converted to light at the shade points
  * that the camera sees directly. With the weights w of a pixel's entries and its splats S,

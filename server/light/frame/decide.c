@@ -9,11 +9,12 @@
 #define FIRST_OF_ALL 4      /* of the very first one, which no audit delays, */
 #define FIRST_PATHS 2       /* and its eye paths */
 #define BUILDING_SHARE 0.35 /* of the time, for images while the cache is being computed, */
-#define BUILDING_S 1.0      /* with at most this time from one to the next, */
+#define BUILDING_S 2.0      /* with at most this time from one to the next, */
 #define AT_ONCE 2           /* after so many images */
-#define IMAGE_SHARE 0.9   /* of the time between two images that a measured image may use, */
+#define IMAGE_SHARE 0.9     /* of the time between two images that a measured image may use, */
 #define CACHE_SHARE 0.5     /* while a cache is computed beside: it costs quality, not rate */
-#define SAMPLES 64          /* N_s of the cache's frames, for what is traced of the sun */
+#define SAMPLES 64          /* N_s of the cache's frames, for what is traced of the sun, */
+#define SAMPLES_ROUGH 32    /* and while it is computed: a sixth less time, and its own error is larger */
 
 void decider_finish(struct decider *d)
 {
@@ -86,6 +87,8 @@ void decide(const struct decider *d, const struct frame_request *request, struct
         out->by = DECIDED_BY_CACHE;
         out->why = d->cache.last.why;
         out->light = by_cache(request->light);
+        if (d->cache.share < 1.0)
+            out->light.direct.samples = SAMPLES_ROUGH;
         out->light.cache_background |= request->background;
         out->light.remember = request->background;
     } else if (is_first(d, request)) {
@@ -208,13 +211,20 @@ static void get_cache(struct decider *d, struct relighter *r, const struct frame
     d->cache.ready = share >= 1.0;
 }
 
-static void follow_cache(struct decider *d, struct relighter *r, const struct frame_request *request)
+/* From when on the cache makes images: once they are as good as those before. Under a moving sky these are the
+ * denoised ones of that sky; under a still one their history is better than a rough cache. */
+static double enough_share(const struct decider *d, bool background, bool indirect, bool still)
+{
+    if (!background || !(indirect || d->cache.error > COST_BIAS_COARSE))
+        return 1.0;
+    return !indirect ? RELIGHT_COARSE : still ? RELIGHT_WHOLE : RELIGHT_DIRECT;
+}
+
+static void follow_cache(struct decider *d, struct relighter *r, const struct frame_request *request, bool still)
 {
     const struct relight_desc *light = request->light;
     const atomic_bool *cancel = light->direct.cancel;
-    const bool indirect = facts_of(r, light).indirect;
-    const bool coarsely = request->background && (indirect || d->cache.error > COST_BIAS_COARSE);
-    const double enough = !coarsely ? 1.0 : indirect ? RELIGHT_DIRECT : RELIGHT_COARSE;
+    const double enough = enough_share(d, request->background, facts_of(r, light).indirect, still);
 
     d->cache.share = relighter_follow(r);
     d->cache.ready = d->cache.share >= enough && !(cancel && atomic_load(cancel));
@@ -290,7 +300,7 @@ void decider_learn(struct decider *d, struct relighter *r, const struct frame_re
     if (decision->by == DECIDED_BY_RULE && is_first(d, request)) {
         note_denoised(d, stats);
         if (d->cache.begun)
-            follow_cache(d, r, request);
+            follow_cache(d, r, request, stats->still);
         else if (!request->no_cache)
             get_cache(d, r, request, false);
         return;
@@ -299,7 +309,7 @@ void decider_learn(struct decider *d, struct relighter *r, const struct frame_re
         return;
     d->cache.error = request->target.error > 0.0 ? request->target.error : measured->error;
     if (d->cache.begun) {
-        follow_cache(d, r, request);
+        follow_cache(d, r, request, stats->still);
     } else if (!d->cache.refused) {
         note_frame(d, stats, measured);
         ask_for_cache(d, r, request);

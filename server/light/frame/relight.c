@@ -19,8 +19,7 @@
 
 #include <string.h>
 
-#define BESIDE_SAMPLES 4 /* of direct light in either half, beside a cache that is being computed */
-#define HALF_LEAST 8     /* of direct light alone without a history: with fewer, the filter loses at equal time */
+#define HALF_LEAST 8 /* of direct light alone without a history: with fewer, the filter loses at equal time */
 
 struct relighter *relighter_create(const struct prepared_scene *set, const struct kernels *kernels)
 {
@@ -216,75 +215,6 @@ static enum err run_lit(struct relighter *r, const struct environment *e, const 
     return steady_ground(r, e, &p->direct, backplate_packets(r->passes.backplate), lo);
 }
 
-/* Packets that other techniques light, too: the history's samples cannot separate that light from the cache's. */
-static void leave_out(const struct relighter *r, const struct image_passes *p, float *final)
-{
-    const struct gbuffer *g = r->set->gbuffer;
-    const struct packet_list *left = p->eye[1].paths > 0 ? p->eye[1].only : NULL;
-
-    for (uint32_t k = 0; left && k < left->count; k++)
-        final[left->index[k]] = 1.0f;
-    for (uint32_t i = 0; p->eye[0].paths > 0 && p->eye[0].behind_classes && i < g->packet_count; i++)
-        if (memchr(g->packets[i].behind, 1, PACKET))
-            final[i] = 1.0f;
-}
-
-/* Samples the cache's light without bias, with few samples, as halves, at the packets of a history. */
-static enum err sample_beside_cache(struct relighter *r, const struct environment *e, const struct image_passes *p,
-                                    struct relight_stats *stats)
-{
-    const uint32_t lit = stats->plan.indirect == PLAN_CACHE ? PATH_INDIRECT_LIT : 0;
-    struct image_passes few = { .direct = p->cached->direct }, half;
-    struct direct_stats one;
-    struct eye_paths_stats eye;
-    enum err result = ERR_OK;
-    double seconds;
-
-    few.direct.method = METHOD_AUTO;
-    few.direct.samples = BESIDE_SAMPLES;
-    few.direct.only = accumulation_due(p->accumulation);
-    few.direct.pass = accumulation_turn(p->accumulation);
-    few.eye[0] = (struct eye_paths_desc){ .classes = lit | (p->eye[0].paths > 0 ? p->eye[0].classes : 0),
-                                          .behind_classes = lit,
-                                          .paths = 1,
-                                          .only = few.direct.only,
-                                          .seed = rng_mix(few.direct.seed, 0x657965),
-                                          .pass = few.direct.pass,
-                                          .cancel = few.direct.cancel,
-                                          .scratch = r->passes.scratch };
-    for (int k = 0; k < 2 && !result; k++) {
-        float *lo = denoiser_half(r->denoiser, k);
-        passes_half(&few, k, &half);
-        result = passes_direct(&r->passes, PASS_IMAGE, e, &half.direct, lo, &one, &seconds);
-        if (!result && r->passes.backplate)
-            result = steady_ground(r, e, &half.direct, few.direct.only, lo);
-        if (!result && half.eye[0].classes)
-            result = eye_paths_shade(r->set->scene, r->set->rays, r->set->gbuffer, e, &half.eye[0], lo, &eye);
-        stats->direct.rays += one.rays;
-    }
-    return result;
-}
-
-/* lo: the light of a cache under construction, corrected by a history, plus the light of eye paths. */
-static enum err correct(struct relighter *r, const struct environment *e, const struct image_passes *p, float *lo,
-                        struct relight_stats *stats)
-{
-    struct accumulation *h = p->accumulation;
-    struct image_passes beyond = *p;
-    enum err result = ERR_OK;
-
-    relight_cache_versions(&r->cache, accumulation_final(h), accumulation_changed(h));
-    leave_out(r, p, accumulation_final(h));
-    accumulation_follow(h, lo);
-    if (accumulation_due(h)->count > 0)
-        result = sample_beside_cache(r, e, p, stats);
-    if (!result && !is_cancelled(p->cached->direct.cancel))
-        accumulation_add(h, NULL);
-    accumulation_show(h, NULL, lo);
-    beyond.eye[0].only = accumulation_beyond(h); /* elsewhere its light is in the history */
-    return result ? result : run_eye_paths(r, e, &beyond, lo, stats);
-}
-
 /* Counts of one of two halves. */
 static void halve(struct image_passes *p)
 {
@@ -332,6 +262,12 @@ static void filter_halves(struct relighter *r, const struct image_passes *p)
     }
 }
 
+static void forget(struct relighter *r)
+{
+    accumulation_destroy(r->accumulation);
+    r->accumulation = NULL;
+}
+
 /* Together with other processes, in r->points. */
 static enum err run_dealt(struct relighter *r, const struct environment *e, const struct image_passes *passes,
                           struct relight_stats *stats, struct pass_costs *costs)
@@ -348,7 +284,7 @@ static enum err run_dealt(struct relighter *r, const struct environment *e, cons
 static enum err run_points(struct relighter *r, const struct environment *e, const struct image_passes *passes,
                            struct relight_stats *stats, struct pass_costs *costs)
 {
-    const bool split = passes->denoiser != NULL, corrected = passes->accumulation && !split;
+    const bool split = passes->denoiser != NULL;
     struct image_passes halves[2];
     const double start = clock_seconds();
     enum err result;
@@ -362,15 +298,16 @@ static enum err run_points(struct relighter *r, const struct environment *e, con
         passes_half(passes, k, &halves[k]);
     r->points = r->passes.lo;
     result = split ? run_direct_halves(r, e, halves, stats) : run_lit(r, e, passes, r->passes.lo, stats);
-    if (corrected && !result)
-        result = correct(r, e, passes, r->passes.lo, stats);
     const double lit = clock_seconds();
-    for (int k = 0; k < (split ? 2 : corrected ? 0 : 1) && !result; k++)
+    for (int k = 0; k < (split ? 2 : 1) && !result; k++)
         result = run_eye_paths(r, e, split ? &halves[k] : passes, split ? denoiser_half(r->denoiser, k) : r->passes.lo,
                                stats);
     const double seen = clock_seconds();
     if (split && !result)
         filter_halves(r, passes);
+    else if (passes->accumulation && !result && !is_cancelled(passes->cached->direct.cancel) &&
+             accumulation_leave(passes->accumulation, r->passes.lo) == 0)
+        forget(r);
     costs->direct_s = lit - start;
     costs->eye_s = seen - lit;
     costs->filter_s = split ? clock_seconds() - seen : 0.0;
@@ -435,32 +372,21 @@ enum err relighter_denoiser(struct relighter *r, const struct relight_desc *desc
     return *out || !desc->denoise ? ERR_OK : ERR_NOMEM;
 }
 
-/* While the cache is rough or missing; afterwards the history is freed. */
-static bool wants_accumulation(struct relighter *r, const struct relight_desc *desc, const struct plan *plan)
+/* Until a cache makes images; of a still sky, until what is displayed has become the cache's light. */
+static enum err add_accumulation(struct relighter *r, const struct relight_desc *desc, bool still,
+                                 struct image_passes *passes)
 {
-    const bool cached = relight_is_cached(desc);
-    const bool rough = cached && r->cache.transport && !relight_cache_is_settled(&r->cache) &&
-                       (plan->indirect == PLAN_CACHE || !(desc->classes & PATH_INDIRECT_LIT));
-
-    if (desc->remember && (rough || (!cached && desc->denoise)))
-        return true;
-    accumulation_destroy(r->accumulation);
-    r->accumulation = NULL;
-    return false;
-}
-
-static enum err add_accumulation(struct relighter *r, const struct relight_desc *desc, const struct plan *plan,
-                                 bool still, struct image_passes *passes)
-{
-    if (!wants_accumulation(r, desc, plan))
+    if (!desc->remember || !(passes->cached ? r->accumulation && still : desc->denoise)) {
+        forget(r);
         return ERR_OK;
+    }
     if (denoiser_of(r) && !r->accumulation)
         r->accumulation = accumulation_create(r->set->gbuffer, r->denoiser);
     if (!r->accumulation)
         return ERR_NOMEM;
-    accumulation_begin(r->accumulation, desc->classes, still && desc->glide);
+    accumulation_begin(r->accumulation, desc->classes, still && (desc->glide || passes->cached));
     passes->accumulation = r->accumulation;
-    passes->glides = accumulation_glides(r->accumulation) > 0;
+    passes->glides = !passes->cached && accumulation_glides(r->accumulation) > 0;
     if (passes->denoiser) /* with random numbers of its own */
         passes->direct.pass = passes->eye[0].pass = passes->eye[1].pass = accumulation_turn(r->accumulation);
     return ERR_OK;
@@ -516,11 +442,11 @@ enum err relighter_describe(struct relighter *r, const struct environment *e, co
     relight_plan(r->set, r->cache.indirect.indirect, e, desc, relight_caustics_serve(&r->caustics), &stats->plan);
     relight_plan_passes(r->set, r->cache.indirect.indirect, r->passes.scratch, desc, &stats->plan, passes);
     result = relighter_denoiser(r, desc, &passes->denoiser);
-    const bool still = desc->remember && sky_is_still(r, e);
+    stats->still = desc->remember && sky_is_still(r, e);
     if (!result)
-        result = add_accumulation(r, desc, &stats->plan, still, passes);
+        result = add_accumulation(r, desc, stats->still, passes);
     if (!result)
-        result = add_beside(r, e, desc, &stats->plan, still, passes);
+        result = add_beside(r, e, desc, &stats->plan, stats->still, passes);
     if (!result && passes->denoiser)
         halve(passes);
     return result;

@@ -101,9 +101,8 @@ struct relight_desc {
     bool denoise;          /* filter the light at shade points (denoise.h): each half gets half the samples and paths,
                               but at least one path, and eight samples of direct light alone without `remember`. Not
                               for references */
-    bool remember;         /* live images: samples of earlier images count, too (history.h). With `denoise`, before
-                              a cache exists; then until the cache is complete. Caustics (beside.h) keep this
-                              afterwards, except with a ground */
+    bool remember;         /* live images: samples of earlier images count, too (accumulation.h). With `denoise`, before
+                              a cache exists. Caustics (beside.h) keep this afterwards, except with a ground */
     bool glide;            /* under a still sky images with a filter glide (ACCUMULATION_GLIDE) */
     struct progress *progress;         /* a progress line that the image advances by one step; may be NULL. Not for
                                           references */
@@ -150,6 +149,7 @@ struct relight_stats {           /* of one image */
         double processor_s;
         double found; /* the error, however uncertain; 0: no pixel was judged */
     } audited;
+    bool still;       /* the sky is the last image's; of live images */
     unsigned glides;  /* images that will only move on to the light of this one's samples, if the sky stays */
     const char *bias; /* a description of the image's bias; NULL: none */
 };
@@ -173,6 +173,7 @@ bool relight_may_be_kept(const struct prepared_scene_desc *set, const struct rel
  * direct light follows block by block, until all of it is available coarsely at RELIGHT_DIRECT. */
 #define RELIGHT_COARSE (1.0 / 17.0)
 #define RELIGHT_DIRECT (2.0 / 17.0)
+#define RELIGHT_WHOLE (RELIGHT_DIRECT + 0.5 * (1.0 - RELIGHT_DIRECT)) /* all indirect light */
 
 /* Progress of a cache in the background while another method makes the images; call it for each image. 0: there is
  * none, or it was refused; below 1: it is being computed; 1: it is complete, with indirect light. */

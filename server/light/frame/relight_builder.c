@@ -277,11 +277,6 @@ static double share_of(const struct relight_builder *b, int stage)
     return atomic_load(&b->ended[stage]) ? 1.0 : p->total ? 0.99 * (double)p->done / (double)p->total : 0.0;
 }
 
-bool relight_builder_has_indirect(const struct relight_builder *b)
-{
-    return !b->wanted || (atomic_load(&b->ended[WHOLE]) && !atomic_load(&b->next));
-}
-
 double relight_share(const struct relight_stages *s)
 {
     double share;

@@ -43,9 +43,6 @@ struct indirect_cache *relight_builder_take(struct relight_builder *b);
 bool relight_builder_is_done(struct relight_builder *b, enum err *e, struct relight_indirect *indirect,
                              struct reason *why);
 
-/* True once relight_builder_take has returned the finished cache of indirect light, or none will come. */
-bool relight_builder_has_indirect(const struct relight_builder *b);
-
 /* How far the stages of both caches are, each 0 to 1. */
 struct relight_stages {
     bool wanted, quick_ended; /* indirect light; its quick cache is there */

@@ -326,20 +326,6 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
     return result;
 }
 
-void relight_cache_versions(struct relight_cache *c, float *final, bool *changed)
-{
-    const struct relight_indirect *b = &c->indirect;
-    const bool rough = c->building && !relight_builder_has_indirect(c->builder);
-    const float share = rough ? 0.0f : b->before ? (float)b->weight / RELIGHT_INDIRECT_FADE : 1.0f;
-
-    transport_live_versions(c->transport, final, changed);
-    for (uint32_t k = 0; k < transport_stats(c->transport)->packets; k++) {
-        final[k] *= share;
-        changed[k] |= b->changed;
-    }
-    c->indirect.changed = false;
-}
-
 bool relight_cache_is_settled(const struct relight_cache *c)
 {
     return !c->building && c->transport && transport_is_settled(c->transport) && !c->indirect.before;

@@ -63,8 +63,5 @@ MUST_CHECK enum err relight_cache_shade(struct relight_cache *c, struct direct *
                                         const struct relight_desc *desc, const struct light_part *part, float *lo,
                                         struct relight_stats *stats);
 
-/* The packets' versions, [packet_count], as in transport_live_versions, indirect light included. */
-void relight_cache_versions(struct relight_cache *c, float *final, bool *changed);
-
 /* True once there is a finished cache, and frames use no other. */
 bool relight_cache_is_settled(const struct relight_cache *c);

@@ -22,13 +22,11 @@ void relight_indirect_replace(struct relight_indirect *b, struct indirect_cache 
     b->before = b->indirect;
     b->indirect = next;
     b->weight = 0;
-    b->changed = true;
     relight_indirect_advance(b, at_once);
 }
 
 void relight_indirect_advance(struct relight_indirect *b, bool to_end)
 {
-    b->changed |= b->before != NULL;
     if (b->before && !to_end && ++b->weight < RELIGHT_INDIRECT_FADE)
         return;
     indirect_destroy(b->before);

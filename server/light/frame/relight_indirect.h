@@ -13,7 +13,6 @@ struct relight_indirect { /* zero it first */
     struct indirect_cache *indirect;
     struct indirect_cache *before; /* the quick cache while it fades out; NULL: none */
     uint32_t weight;               /* of `indirect` during the fade, in units of 1 / RELIGHT_INDIRECT_FADE */
-    bool changed;                  /* the light of frames changed: set here, cleared by relight_cache_versions */
     bool loaded;                   /* from a file */
     bool refused;                  /* it exceeds the memory limit, which is logged; eye paths replace it */
 };

@@ -23,9 +23,10 @@ struct image_passes {
     struct light_tracer_desc light[2]; /* particles 0: omitted */
     struct denoiser *denoiser; /* not NULL: `direct` and `eye` run twice with their counts, for filtering (denoise.h) */
     bool glides;               /* the histories only move on: nothing is sampled */
-    struct accumulation *accumulation; /* not NULL: takes the halves, or samples in addition to the cache (history.h) */
-    struct beside *beside;             /* not NULL: runs `stored`, `light` and eye_beside (beside.h) */
-    struct eye_paths_desc eye_beside;  /* paths 0: omitted */
+    struct accumulation
+        *accumulation;     /* not NULL: takes the halves, or gives way to the cache's light (accumulation.h) */
+    struct beside *beside; /* not NULL: runs `stored`, `light` and eye_beside (beside.h) */
+    struct eye_paths_desc eye_beside; /* paths 0: omitted */
     bool halves; /* run each of light[] in two halves with different seeds, kept in passes.half, and add their mean to
                     the image. Requires relighter_passes */
     bool background; /* add the sky where the camera sees it */

@@ -166,30 +166,44 @@ static void the_time_left_never_rises(void **state)
 
 /* ---- Precedence ---- */
 
+struct long_work {
+    struct precedence precedence;
+    atomic_bool began, went_on;
+};
+
 static void *give_way(void *arg)
 {
-    precedence_give_way(arg);
+    struct long_work *w = arg;
+
+    atomic_store(&w->began, true);
+    precedence_give_way(&w->precedence);
+    atomic_store(&w->went_on, true);
     return NULL;
 }
 
 /* Long work waits for urgent work, though no longer than it had run: also if urgent work never ends. */
 static void long_work_gives_way_for_a_time(void **state)
 {
-    struct precedence p;
+    static struct long_work w;
+    struct precedence *p = &w.precedence;
     pthread_t thread;
     (void)state;
 
     precedence_give_way(NULL);
-    precedence_init(&p, 1e6);
-    precedence_give_way(&p);
-    precedence_begin(&p);
-    assert_true(atomic_load(&p.until_s) > clock_seconds() + 1e5);
-    assert_int_equal(pthread_create(&thread, NULL, give_way, &p), 0);
-    precedence_end(&p);
+    precedence_init(p, 1e6);
+    precedence_give_way(p);
+    precedence_begin(p);
+    assert_true(atomic_load(&p->until_s) > clock_seconds() + 1e5);
+    assert_int_equal(pthread_create(&thread, NULL, give_way, &w), 0);
+    while (!atomic_load(&w.began))
+        nanosleep(&(struct timespec){ .tv_nsec = 100000 }, NULL);
+    nanosleep(&(struct timespec){ .tv_nsec = 20000000 }, NULL); /* in which work that does not wait would go on */
+    assert_false(atomic_load(&w.went_on));
+    precedence_end(p);
     pthread_join(thread, NULL);
-    precedence_begin(&p); /* at once again: it has run for next to no time */
-    precedence_give_way(&p);
-    precedence_end(&p);
+    precedence_begin(p); /* at once again: it has run for next to no time */
+    precedence_give_way(p);
+    precedence_end(p);
 }
 
 /* ---- The progress line ---- */

@@ -11,7 +11,7 @@
 #include <time.h>
 
 #define LIGHT_OFF 0.03
-#define WORSE 1.3
+#define WORSE 1.1
 
 enum { WIDTH = 48, HEIGHT = 27, VALUES = 3 * WIDTH * HEIGHT };
 
