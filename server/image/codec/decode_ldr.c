@@ -1,6 +1,7 @@
 #include "image/codec/decode.h"
 
 #include "base/mem.h"
+#include "base/srgb.h"
 
 #include <math.h>
 #include <png.h>
@@ -8,13 +9,11 @@
 
 enum { CODES = 256 };
 
-/* sRGB code values as light, 1 for white [IEC 61966-2-1]. */
+/* sRGB code values as light, 1 for white. */
 static void fill_light(float light[CODES])
 {
-    for (int i = 0; i < CODES; i++) {
-        const double v = i / 255.0;
-        light[i] = (float)(v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4));
-    }
+    for (int i = 0; i < CODES; i++)
+        light[i] = (float)srgb_decode(i / 255.0);
 }
 
 /* bytes: `channels` a texel, of which the first three count. */

@@ -1,4 +1,5 @@
 #include "image/codec/signal.h"
+#include "base/srgb.h"
 
 #include "image/codec/colour.h"
 
@@ -125,7 +126,7 @@ static double light_of_hlg(double signal)
 static double light_of(enum signal_transfer transfer, double signal)
 {
     switch (transfer) {
-    case SIGNAL_SRGB: return signal <= 0.04045 ? signal / 12.92 : pow((signal + 0.055) / 1.055, 2.4);
+    case SIGNAL_SRGB: return srgb_decode(signal);
     case SIGNAL_AUTO:
     case SIGNAL_BT1886: return pow(signal, 2.4);
     case SIGNAL_GAMMA22: return pow(signal, 2.2);

@@ -32,9 +32,6 @@ extern const struct setting_choice exposure_choices[];
  * for Reinhard. NaN and negative values give 0. */
 double tone_value(enum tone_curve curve, double x);
 
-/* The sRGB transfer function: display-linear light 0..1 to signal 0..1 [IEC 61966-2-1]. */
-double tone_srgb(double linear);
-
 /* Automatic exposure: scales the log-average luminance to the key of 0.18 [Reinhard 2002, Eq. 1]. Each frame covers a
  * fixed share of the distance in stops and stays within one stop of the target; the first frame jumps to it. Time is
  * counted in frames, so scripts and live streams adapt alike. Initialise with exposure_init. */

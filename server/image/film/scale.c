@@ -1,6 +1,7 @@
 #include "image/film/scale.h"
 
 #include "base/mem.h"
+#include "base/srgb.h"
 #include "image/film/film.h"
 
 #include <math.h>
@@ -30,12 +31,10 @@ struct scaler *scaler_create(void)
 
     if (!s)
         return NULL;
-    for (int i = 0; i < 256; i++) { /* the inverse of tone_srgb [IEC 61966-2-1] */
-        const double v = i / 255.0;
-        s->linear[i] = (float)(v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4));
-    }
+    for (int i = 0; i < 256; i++)
+        s->linear[i] = (float)srgb_decode(i / 255.0);
     for (int i = 0; i <= CODES; i++)
-        s->code[i] = (uint8_t)lround(255.0 * tone_srgb((double)i / CODES));
+        s->code[i] = (uint8_t)lround(255.0 * srgb_encode((double)i / CODES));
     return s;
 }
 

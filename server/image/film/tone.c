@@ -1,6 +1,8 @@
 #include "image/film/film.h"
 
 #include "base/vec.h"
+#include "base/luminance.h"
+#include "base/srgb.h"
 #include "image/film/false_colour.h"
 #include "image/film/tone_kernel.h"
 
@@ -42,15 +44,10 @@ double tone_value(enum tone_curve curve, double x)
     return fmin(x, 1.0);
 }
 
-double tone_srgb(double linear)
-{
-    return linear <= 0.0031308 ? 12.92 * linear : 1.055 * pow(linear, 1.0 / 2.4) - 0.055;
-}
-
 /* The code value before rounding and clamping; `curve` acts per channel. */
 static double smooth_code(enum tone_curve curve, double x)
 {
-    return 255.0 * tone_srgb(curve == TONE_FILMIC ? filmic(x) : x);
+    return 255.0 * srgb_encode(curve == TONE_FILMIC ? filmic(x) : x);
 }
 
 extern const struct tone_kernel tone_kernel_baseline, tone_kernel_v3, tone_kernel_v4;
@@ -112,13 +109,11 @@ static void expose_reinhard(const float *in, size_t count, float gain, float *ou
 
 static void colour_pixel(double gain, const float *in, uint8_t out[3])
 {
-    double y = 0.0;
+    double lit[3];
 
-    for (int c = 0; c < 3; c++) {
-        static const double weight[3] = { 0.2126, 0.7152, 0.0722 };
-        y += in[c] > 0.0f ? weight[c] * fmin((double)in[c], 1e30) : 0.0;
-    }
-    false_colour(false_colour_share(y * gain), out);
+    for (int c = 0; c < 3; c++)
+        lit[c] = in[c] > 0.0f ? fmin((double)in[c], 1e30) : 0.0;
+    false_colour(false_colour_share(luminance_of(LUMINANCE_REC709, lit) * gain), out);
 }
 
 static void map_false_colour(const float *rgb, size_t pixels, double gain, uint8_t *out)
@@ -164,10 +159,8 @@ static void display_pixel(enum tone_curve curve, double gain, const float *from,
     if (curve == TONE_FALSE_COLOUR) {
         uint8_t codes[3];
         colour_pixel(gain, from, codes);
-        for (int c = 0; c < 3; c++) {
-            const double v = codes[c] / 255.0; /* the inverse of tone_srgb */
-            out[c] = v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4);
-        }
+        for (int c = 0; c < 3; c++)
+            out[c] = srgb_decode(codes[c] / 255.0);
         return;
     }
     for (int c = 0; c < 3; c++)
@@ -177,7 +170,7 @@ static void display_pixel(enum tone_curve curve, double gain, const float *from,
             out[c] = tone_value(curve, x[c]);
         return;
     }
-    const double l = 0.2126 * x[0] + 0.7152 * x[1] + 0.0722 * x[2];
+    const double l = luminance_of(LUMINANCE_REC709, x);
     const double scale = l > 0.0 ? (1.0 + l / (TONE_WHITE * TONE_WHITE)) / (1.0 + l) : 0.0;
     for (int c = 0; c < 3; c++)
         out[c] = fmin(x[c] * scale, 1.0);
@@ -194,7 +187,7 @@ void tone_map_deep(const float *from, uint32_t width, uint32_t height, uint32_t 
         double light[3];
         display_pixel(desc->curve, gain, pixel, light);
         for (size_t c = 0; c < 3; c++)
-            out[channels * i + c] = (uint16_t)lrint(65535.0 * tone_srgb(light[c]));
+            out[channels * i + c] = (uint16_t)lrint(65535.0 * srgb_encode(light[c]));
         if (channels == 4)
             out[4 * i + 3] = (uint16_t)lrint(65535.0 * fmin(fmax((double)pixel[3], 0.0), 1.0));
     }

@@ -2,6 +2,8 @@
 #include "import/formats/gltf_glossy.h"
 
 #include "base/mem.h"
+#include "base/srgb.h"
+#include "base/vec.h"
 #include "import/formats/internal.h"
 
 #include <math.h>
@@ -24,11 +26,6 @@ struct glossy {
     float glossiness;
     struct gltf_image diffuse_image, image; /* decoded for the conversion */
 };
-
-static float luminance(const float c[3])
-{
-    return 0.2126f * c[0] + 0.7152f * c[1] + 0.0722f * c[2];
-}
 
 static float share_of(float v)
 {
@@ -53,7 +50,8 @@ void glossy_convert(const float diffuse[3], const float specular[3], float gloss
 
     for (int k = 0; k < 3; k++)
         matte[k] = diffuse[k] * below;
-    const float metallic = solve_metallic(luminance(matte), luminance(specular));
+    const float metallic = solve_metallic(rgb_luminance(matte[0], matte[1], matte[2]),
+                                           rgb_luminance(specular[0], specular[1], specular[2]));
     const float scatters = (1.0f - F0) * (1.0f - metallic);
     for (int k = 0; k < 3; k++) {
         const float reflected = specular[k] - F0 * (1.0f - metallic);
@@ -73,7 +71,7 @@ static uint8_t to_byte(float v)
 
 static uint8_t encode(float v)
 {
-    return to_byte(v <= 0.0031308f ? 12.92f * v : 1.055f * powf(v, 1.0f / 2.4f) - 0.055f);
+    return to_byte((float)srgb_encode(v));
 }
 
 /* The texel of an image at a place of a larger one; white without an image. */
@@ -95,7 +93,7 @@ static void convert_texels(const struct glossy *g, struct texture *base, struct 
     struct glossy_texel t;
 
     for (int i = 0; i < 256; i++)
-        linear[i] = srgb_to_linear((float)i / 255.0f);
+        linear[i] = (float)srgb_decode(i / 255.0);
     for (uint32_t y = 0; y < base->height; y++) {
         for (uint32_t x = 0; x < base->width; x++) {
             const uint8_t *d = texel_at(&g->diffuse_image.texture, x, y, base->width, base->height);
@@ -205,7 +203,7 @@ static void take_means(struct glossy *g)
 
     for (size_t i = 0; i < count; i++) {
         for (size_t k = 0; k < 3; k++)
-            sum[k] += (double)srgb_to_linear((float)t->texels[4 * i + k] / 255.0f);
+            sum[k] += srgb_decode(t->texels[4 * i + k] / 255.0);
         sum[3] += t->texels[4 * i + 3] / 255.0;
     }
     const double n = (double)count;

@@ -119,9 +119,3 @@ MUST_CHECK enum err tga_decode(const void *bytes, size_t count, enum texture_val
 
 /* ERR_RANGE: an image of no size, or one above the limits of texture_decode. */
 MUST_CHECK enum err texture_check_size(uint64_t width, uint64_t height, const char *name, struct reason *why);
-
-/* [IEC 61966-2-1, section 5.2], from 0..1 */
-static inline float srgb_to_linear(float v)
-{
-    return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
-}

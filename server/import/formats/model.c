@@ -2,6 +2,7 @@
 
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/srgb.h"
 
 #include <assimp/cfileio.h>
 #include <assimp/cimport.h>
@@ -133,7 +134,7 @@ static enum err add_colours(struct import *in, const struct aiMesh *ai, struct m
         const struct aiColor4D *c = &ai->mColors[0][i];
         const float own[3] = { c->r, c->g, c->b };
         for (size_t k = 0; k < 3; k++)
-            m->colours[4 * i + k] = own[k] > 0.0f ? srgb_to_linear(fminf(own[k], 1.0f)) : 0.0f; /* NaN becomes 0 */
+            m->colours[4 * i + k] = own[k] > 0.0f ? (float)srgb_decode(fminf(own[k], 1.0f)) : 0.0f; /* NaN becomes 0 */
         m->colours[4 * i + 3] = 1.0f;
     }
     if (in->plain)

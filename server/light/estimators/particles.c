@@ -4,6 +4,7 @@
 #include "base/mem.h"
 #include "base/progress.h"
 #include "base/rng.h"
+#include "base/luminance.h"
 #include "scene/geometry/scatter.h"
 #include "scene/surface/lobe.h"
 #include "sky/tables/samples.h"
@@ -55,11 +56,6 @@ void particles_aim(const struct particles *p, bool aimed, struct particle_run *r
     run->world = p;
     run->boxes = aimed ? p->casters : &p->bounds;
     run->box_count = aimed ? p->caster_count : 1;
-}
-
-static double luminance(const double rgb[3])
-{
-    return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
 }
 
 static void add_splat(struct particle_batch *b, uint32_t pixel, uint32_t from, const double rgb[3])
@@ -151,7 +147,7 @@ static double weigh(const struct delta_ray *rays, uint32_t count, double share[4
 
     for (uint32_t k = 0; k < count; k++) {
         const double w[3] = { rays[k].weight[0], rays[k].weight[1], rays[k].weight[2] };
-        sum += share[k] = luminance(w);
+        sum += share[k] = luminance_of(LUMINANCE_REC709, w);
     }
     return sum;
 }
@@ -206,7 +202,7 @@ static bool go_on(const struct particle_run *run, struct particle *p, const stru
 
 static bool survives(struct particle *p)
 {
-    double chance = luminance(p->flux) / (ROULETTE_BEGINS * p->first_flux);
+    double chance = luminance_of(LUMINANCE_REC709, p->flux) / (ROULETTE_BEGINS * p->first_flux);
 
     if (p->rough + p->delta >= EVENTS_SURE)
         chance = fmin(chance, ROULETTE_LATE);
@@ -324,7 +320,7 @@ static void follow_direction(const struct particle_run *run, uint64_t direction,
             continue;
         for (int c = 0; c < 3; c++)
             p.flux[c] = rgb[c] / (pdf * density * run->per_particle);
-        p.first_flux = luminance(p.flux);
+        p.first_flux = luminance_of(LUMINANCE_REC709, p.flux);
         p.from = direction_pack(w);
         if (p.first_flux > 0.0)
             follow(run, &p, b);

@@ -2,6 +2,7 @@
 #include "measure/bench/cached.h"
 
 #include "base/mem.h"
+#include "base/srgb.h"
 #include "light/cache_direct/internal.h"
 #include "light/resolve/resolve.h"
 #include "measure/compare/flip.h"
@@ -170,7 +171,7 @@ static void to_codes(float *rgb, size_t values, double gain)
     flip_tone(rgb, values, gain, rgb);
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < values; i++)
-        rgb[i] = (float)(255.0 * tone_srgb((double)rgb[i]));
+        rgb[i] = (float)(255.0 * srgb_encode((double)rgb[i]));
 }
 
 /* ---- Seams ---- */

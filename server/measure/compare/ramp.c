@@ -1,6 +1,7 @@
 #include "measure/compare/ramp.h"
 
 #include "base/vec.h"
+#include "base/srgb.h"
 #include "image/film/film.h"
 
 #include <math.h>
@@ -46,5 +47,5 @@ void ramp_colour(double t, uint8_t rgb[3])
         lch_to_linear(l, fmax(chroma, 0.0), hue, c);
     }
     for (int k = 0; k < 3; k++)
-        rgb[k] = (uint8_t)lround(255.0 * tone_srgb(fmin(fmax(c[k], 0.0), 1.0)));
+        rgb[k] = (uint8_t)lround(255.0 * srgb_encode(fmin(fmax(c[k], 0.0), 1.0)));
 }

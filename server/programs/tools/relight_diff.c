@@ -4,6 +4,8 @@
 #include "base/mem.h"
 #include "base/setting_table.h"
 #include "base/vec.h"
+#include "base/luminance.h"
+#include "base/srgb.h"
 #include "image/codec/decode.h"
 #include "image/codec/exr_write.h"
 #include "image/film/film.h"
@@ -127,7 +129,7 @@ static void take_means(struct diff *d)
                 sum[k] += (double)d->images[n].rgb[3 * i + k];
         for (int k = 0; k < 3; k++)
             d->means[n][k + 1] = sum[k] / (double)d->metrics.pixels;
-        d->means[n][0] = 0.2126 * d->means[n][1] + 0.7152 * d->means[n][2] + 0.0722 * d->means[n][3];
+        d->means[n][0] = luminance_of(LUMINANCE_REC709, d->means[n] + 1);
     }
 }
 
@@ -291,7 +293,7 @@ static enum err load_codes(const char *path, struct image *im, uint8_t **codes, 
     if (!*codes)
         return err_say(why, ERR_NOMEM, "%s: out of memory", path);
     for (size_t v = 0; v < values; v++)
-        (*codes)[v] = (uint8_t)lrint(255.0 * tone_srgb(fmin((double)im->rgb[v], 1.0)));
+        (*codes)[v] = (uint8_t)lrint(255.0 * srgb_encode(fmin((double)im->rgb[v], 1.0)));
     return ERR_OK;
 }
 

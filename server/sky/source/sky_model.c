@@ -259,11 +259,6 @@ static void integrate(const struct sky_state *s, double mean[3], double irradian
     }
 }
 
-static double luminance(const double rgb[3])
-{
-    return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
-}
-
 /* The visible share of the disc and the integral of the cosine over it, by slices at equal height above the horizon. A
  * slice at zenith angle z is 2 half(z) wide; z = centre - radius cos(t) makes the integrand smooth at the rim. */
 static void disc_over_horizon(double elevation, double *visible, double *cosine)
@@ -302,7 +297,8 @@ static void fill_sun(const struct sky_desc *d, struct sky_state *s)
     sky_sun_radiance(s->sun_elevation, d->turbidity, s->sun_radiance);
     double gain = d->scale;
     if (d->sun_ratio > 0.0) /* keeps the atmosphere's colour */
-        gain = d->sun_ratio * luminance(s->sky_mean) / luminance(s->sun_radiance);
+        gain = d->sun_ratio * luminance_of(LUMINANCE_REC709, s->sky_mean) /
+               luminance_of(LUMINANCE_REC709, s->sun_radiance);
     for (int c = 0; c < 3; c++) {
         s->sun_radiance[c] *= gain;
         s->sun_irradiance[c] = s->sun_radiance[c] * cosine;
@@ -322,7 +318,8 @@ void sky_state_fill(const struct sky_desc *d, struct sky_state *s)
     for (int c = 0; c < 3; c++)
         dome->night[c] = 0.0;
     integrate(s, mean, irradiance);
-    dome->gain[0] = units * sky_illuminance(s->sun_elevation, d->turbidity) / luminance(irradiance);
+    dome->gain[0] =
+        units * sky_illuminance(s->sun_elevation, d->turbidity) / luminance_of(LUMINANCE_REC709, irradiance);
     double spread = 0.0;
     for (int i = 0; i < RINGS; i++)
         spread += 2.0 * PI * (i + 0.5) / RINGS * gradation(dome->perez[0], (i + 0.5) / RINGS) / RINGS;

@@ -3,6 +3,7 @@
 #include "base/cancel.h"
 #include "base/mem.h"
 #include "base/rng.h"
+#include "base/luminance.h"
 
 #include <assert.h>
 #include <math.h>
@@ -96,7 +97,7 @@ static void propose(const struct session *m, struct state *s, const struct state
     s->xy[0] = tape_at(&t->numbers, 0) * m->world->view->width;
     s->xy[1] = tape_at(&t->numbers, 1) * m->world->view->height;
     path_sample(m->world, m->desc->classes, s->xy, &t->numbers, s->rgb, rays);
-    s->luminance = 0.2126 * s->rgb[0] + 0.7152 * s->rgb[1] + 0.0722 * s->rgb[2];
+    s->luminance = luminance_of(LUMINANCE_REC709, s->rgb);
 }
 
 static struct rng stream(const struct session *m, enum stream which, uint64_t index)

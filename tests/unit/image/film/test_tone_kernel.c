@@ -4,6 +4,7 @@
 #include "light/estimators/levels.h"
 
 #include "base/rng.h"
+#include "base/srgb.h"
 #include "support/unit.h"
 
 #include <float.h>
@@ -100,7 +101,7 @@ static void no_level_falls_and_all_are_within_one_code_everywhere(void **state)
                 all[k]->codes(&t, in, PLACES, 1.0f, out);
                 for (int i = 0; i < PLACES; i++) {
                     const double x = (double)in[i] / TONE_SCALE;
-                    const int want = (int)floor(255.0 * tone_srgb(tone_value(curves[c], x)) + 0.5);
+                    const int want = (int)floor(255.0 * srgb_encode(tone_value(curves[c], x)) + 0.5);
                     assert_true(out[i] >= last && out[i] <= last + 1);
                     assert_true(abs(out[i] - want) <= 1);
                     differ += out[i] != want;
@@ -143,7 +144,7 @@ static void a_cubic_meets_the_curve_in_four_points(void **state)
     for (uint32_t k = 0; k < TONE_SEGMENTS; k++)
         for (int i = 0; i < 4; i++) {
             const double u = places[i], octave = ldexp(1.0, -13 + (int)(k / 2));
-            const double x = octave * ((k % 2 ? 1.75 : 1.25) + u), want = 255.0 * tone_srgb(x / TONE_SCALE) + 0.5;
+            const double x = octave * ((k % 2 ? 1.75 : 1.25) + u), want = 255.0 * srgb_encode(x / TONE_SCALE) + 0.5;
             const float lowest = (float)(octave * (k % 2 ? 1.5 : 1.0));
             uint32_t bits;
             memcpy(&bits, &lowest, sizeof(bits));

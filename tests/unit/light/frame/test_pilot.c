@@ -117,7 +117,7 @@ static void a_sky_that_stands_still_has_a_steady_image_in_time(void **state)
     struct pilot *p = pilot_of(set);
     struct environment *e = sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
     const struct relight_desc light = { .classes = PATH_ALL };
-    struct pilot_target target = { .seconds = seeds_count(5, 10) / 100.0 };
+    struct pilot_target target = { .seconds = seeds_count(6, 10) / 100.0 };
     struct relight_stats stats;
     struct pilot_stats said, last;
     double all = 0.0, own = 0.0;
