@@ -11,7 +11,7 @@
 #include <time.h>
 
 #define LIGHT_OFF 0.03
-#define WORSE 1.1
+#define WORSE 1.5 /* under a calm sky denoised images have learnt much: 7.7e-3, the rough cache 1.1e-2 */
 
 enum { WIDTH = 48, HEIGHT = 27, VALUES = 3 * WIDTH * HEIGHT };
 
