@@ -151,7 +151,7 @@ static void images_learn_and_forget(void **state)
     run(&s, &light, &stats);
     printf("first %.3f, then %.3f; another sky: %.3f, without a history %.3f\n", first, last, error_of(&s, want),
            fresh);
-    assert_true(last < 0.4 * first);
+    assert_true(last < 0.5 * first);
     assert_true(error_of(&s, want) < 1.5 * fresh);
     stage_finish(&s);
     stage_finish(&other);
