@@ -13,6 +13,7 @@ from peer import Program, check, expect, main, run
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "server/measure/bench/live"))
 import first_minute  # noqa: E402
+import live  # noqa: E402
 import relightd  # noqa: E402
 import viewer  # noqa: E402
 
@@ -116,6 +117,13 @@ async def what_they_cannot_measure_is_refused(folder):
             expect(program, 1, "nowhere.json")
             check(left_behind(folder) == [], left_behind(folder))
             expect(await run("relight-bench", mode, "--size", "wide"), 2, "--size wide")
+
+
+async def its_own_scenes_are_there(folder):
+    sys.argv[0] = live.__file__
+    inputs = live.Inputs(folder, False)
+    for name in ("house", "ring", "product", "room"):
+        check(os.path.getsize(inputs.scene(name, name)) > 0, name)
 
 
 async def a_refused_cache_is_named(folder):

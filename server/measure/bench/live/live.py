@@ -38,7 +38,7 @@ def programs_folder():
 
 def examples_folder():
     here = os.path.dirname(os.path.realpath(sys.argv[0]))
-    for folder in ("../../../docs/examples", "../../../share/doc/relightd/examples/examples", "../../../share/doc/relightd/examples"):
+    for folder in ("../../../../docs/examples", "../../../share/doc/relightd/examples/examples", "../../../share/doc/relightd/examples"):
         if os.path.exists(os.path.join(here, folder, "house.py")):
             return os.path.normpath(os.path.join(here, folder))
     return ""
