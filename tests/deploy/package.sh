@@ -70,7 +70,7 @@ it_depends_on_what_it_is_linked_with() {
     triple=$(dpkg-architecture -qDEB_HOST_MULTIARCH)
     depends=$(sed -n 's/^Depends: //p' "$packed/control/control" | tr -d ' ' | sed 's/([^)]*)//g; s/|/,/g')
     dpkg -S "*/$triple/*.so.*" >"$work/owners" # once: each question reads all lists of files
-    for program in $programs $(cd "$root/usr/bin" && ls -d ../lib/relightd/* | grep -v relight-live); do
+    for program in $programs $(cd "$root/usr/bin" && ls -d ../lib/relightd/* | grep -v relight-scripts); do
         objdump -p "$root/usr/bin/$program" | sed -n "s|^ *NEEDED *|$program |p"
         grep -aoE 'lib(avcodec|avformat|avutil)[.]so[.][0-9]+' "$root/usr/bin/$program" | sed "s|^|$program |" || true
     done >"$work/needed"

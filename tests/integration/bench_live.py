@@ -11,7 +11,7 @@ from pathlib import Path
 
 from peer import Program, check, expect, main, run
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "server/measure/bench/live"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "server/measure/scripts"))
 import first_minute  # noqa: E402
 import live  # noqa: E402
 import relightd  # noqa: E402
@@ -120,7 +120,6 @@ async def what_they_cannot_measure_is_refused(folder):
 
 
 async def its_own_scenes_are_there(folder):
-    sys.argv[0] = live.__file__
     inputs = live.Inputs(folder, False)
     for name in ("house", "ring", "product", "room"):
         check(os.path.getsize(inputs.scene(name, name)) > 0, name)

@@ -69,10 +69,10 @@ static enum err read_options(const struct command *c, struct bench_program *b, s
 static enum err run_script(char **argv, struct reason *why)
 {
     enum { MOST = 256 };
-    char script[4096], *arguments[MOST + 3] = { (char[]){ "python3" }, script };
-    size_t count = 2;
+    char script[4096], *arguments[MOST + 4] = { (char[]){ "python3" }, (char[]){ "-B" }, script };
+    size_t count = 3;
 
-    const enum err e = child_find("relight-live/live.py", NULL, script, sizeof(script), why);
+    const enum err e = child_find("relight-scripts/live.py", NULL, script, sizeof(script), why);
     if (e)
         return e;
     for (size_t i = 1; argv[i] && count < MOST; i++)

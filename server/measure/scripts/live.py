@@ -14,12 +14,10 @@ import subprocess
 import sys
 import tempfile
 
-sys.dont_write_bytecode = True  # the folder may be a source tree
-
-import first_minute  # noqa: E402
-import truth  # noqa: E402
-import viewer  # noqa: E402
-from relightd import STOPPING, Failure, end_all  # noqa: E402
+import first_minute
+import truth
+import viewer
+from relightd import STOPPING, Failure, end_all
 
 SCENES = {"court": None, "house": "house.py:house.glb", "ring": "ring.json", "product": "product.py:product.json", "room": "room.py:room.*"}
 SOURCES = {**{str(hour): f"sky:hour={hour},speed=0.25" for hour in (9, 12, 17)}, "clouds": "proof.py"}
@@ -37,8 +35,8 @@ def programs_folder():
 
 
 def examples_folder():
-    here = os.path.dirname(os.path.realpath(sys.argv[0]))
-    for folder in ("../../../../docs/examples", "../../../share/doc/relightd/examples/examples", "../../../share/doc/relightd/examples"):
+    here = os.path.dirname(os.path.realpath(__file__))
+    for folder in ("../../../docs/examples", "../../../share/doc/relightd/examples/examples", "../../../share/doc/relightd/examples"):
         if os.path.exists(os.path.join(here, folder, "house.py")):
             return os.path.normpath(os.path.join(here, folder))
     return ""
