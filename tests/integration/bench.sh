@@ -57,7 +57,10 @@ the_table_has_a_line_for_each_row() {
     while read -r row; do
         grep -qF -- "$row" "$work/table" || { cat "$work/table"; fail "no line for '$row'"; }
     done <<<"$rows"
+    grep -q '^the built-in scene, [0-9]* triangles, sky: frame 0, .* (128x64, 8 frames), 32x18, mis, 2 samples, ' "$work/table" ||
+        { cat "$work/table"; fail "no title"; }
     grep -q ' holds$\| does not hold$' "$work/table" || fail "no verdicts"
+    expect 1 'No space left on device' sh -c '"$0" "$@" >/dev/full' "$bin/relight-bench" "${quick[@]}"
 }
 
 # The user's own scene and sky: decodes the file's own bytes.

@@ -4,7 +4,7 @@
 #include "base/mem.h"
 #include "base/sort.h"
 #include "image/codec/exr_write.h"
-#include "measure/chart/machine.h"
+#include "measure/chart/script.h"
 #include "sky/source/source.h"
 
 #include <math.h>
@@ -22,28 +22,27 @@
 #define TURN_DEGREES 3.0  /* of a frame that is taken again */
 #define FIRST_WAITS 150   /* of 200 ms */
 
-/* In the order of the pipeline. Rows that are `alone` have a target of `ours`. */
+/* In the order of the pipeline, with their targets: that of a row without a bare figure is one of `ours`. */
 static const struct {
     enum err (*run)(struct bench *, struct bench_row *);
-    const char *name, *unit;
-    enum bench_sense sense;
+    const char *name, *unit, *sense; /* sense: at_least or at_most; NULL: there is no target */
     double target;
 } rows[] = {
-    { bench_decode, "EXR decode", "ms", BENCH_STATED, 0.0 },
-    { bench_rebuild, "resample, CDFs, samples / copy", "ms", BENCH_AT_MOST, 4.0 },
-    { bench_shadow_rays, "shadow rays of the direct stage", "Mrays/s", BENCH_AT_LEAST, 0.85 },
-    { bench_terms, "shading a sample at a point", "ns core", BENCH_STATED, 0.0 },
-    { bench_light_rays, "rays of the light tracer", "Mrays/s", BENCH_STATED, 0.0 },
-    { bench_tone, "tone map / copy", "ms", BENCH_AT_MOST, 3.0 },
-    { bench_jpeg, "JPEG / libjpeg-turbo", "ms", BENCH_AT_MOST, 1.05 },
-    { bench_delivery, "delivery / bare sockets", "ms", BENCH_STATED, 0.0 },
-    { bench_pipeline, "pipeline / its slowest stage", "ms", BENCH_AT_MOST, 1.15 },
-    { bench_threads_light, "light: one thread / all", "ms", BENCH_AT_LEAST, 1.9 },
-    { bench_threads_whole, "one thread / pipeline", "ms", BENCH_AT_LEAST, 1.9 },
-    { bench_pixels, "four times the pixels", "ms", BENCH_AT_MOST, 4.1 },
-    { bench_triangles, "16 times the triangles", "ms", BENCH_AT_MOST, 2.0 },
-    { bench_allocations, "allocations after frame 10", "per frame", BENCH_AT_MOST, 0.0 },
-    { bench_no_visibility, "no visibility, 60 samples", "frames/s", BENCH_STATED, 0.0 },
+    { bench_decode, "EXR decode", "ms", NULL, 0.0 },
+    { bench_rebuild, "resample, CDFs, samples / copy", "ms", "at_most", 4.0 },
+    { bench_shadow_rays, "shadow rays of the direct stage", "Mrays/s", "at_least", 0.85 },
+    { bench_terms, "shading a sample at a point", "ns core", NULL, 0.0 },
+    { bench_light_rays, "rays of the light tracer", "Mrays/s", NULL, 0.0 },
+    { bench_tone, "tone map / copy", "ms", "at_most", 3.0 },
+    { bench_jpeg, "JPEG / libjpeg-turbo", "ms", "at_most", 1.05 },
+    { bench_delivery, "delivery / bare sockets", "ms", NULL, 0.0 },
+    { bench_pipeline, "pipeline / its slowest stage", "ms", "at_most", 1.15 },
+    { bench_threads_light, "light: one thread / all", "ms", "at_least", 1.9 },
+    { bench_threads_whole, "one thread / pipeline", "ms", "at_least", 1.9 },
+    { bench_pixels, "four times the pixels", "ms", "at_most", 4.1 },
+    { bench_triangles, "16 times the triangles", "ms", "at_most", 2.0 },
+    { bench_allocations, "allocations after frame 10", "per frame", "at_most", 0.0 },
+    { bench_no_visibility, "no visibility, 60 samples", "frames/s", NULL, 0.0 },
 };
 
 #define ROWS (sizeof(rows) / sizeof(rows[0]))
@@ -145,7 +144,6 @@ void bench_state(struct bench_row *row, double figure, int rounds)
 {
     row->ours = row->ratio = figure;
     row->rounds = rounds;
-    row->alone = true;
 }
 
 enum err bench_threads(const struct bench *b, int count, enum err (*work)(void *), void *context)
@@ -388,47 +386,68 @@ void bench_end(struct bench *b)
     set_destroy(b->set);
 }
 
-static void write_title(const struct bench *b, struct bench_report *out)
+json_t *bench_row_json(const struct bench_row *row)
 {
-    const struct environment *sky = b->skies[0].environment;
-    struct machine m;
-    char skies[80];
+    json_t *o = json_pack("{s:i, s:o, s:o, s:o}", "rounds", row->rounds, "ours", script_number(row->ours), "bare",
+                          script_number(row->bare), "ratio", script_number(row->ratio));
 
-    machine_describe(&m, b->kernels->level);
-    snprintf(
-        out->title, sizeof(out->title),
-        "%s, %llu triangles, %s (%ux%u, %s), %ux%u, %s, %u samples, %d of %d threads, kernels %s, medians of about %d "
-        "rounds\n"
-        "%s, commit %s, %s",
-        b->set->name, (unsigned long long)b->set->scene->triangle_count, sky->name, sky->image.width, sky->image.height,
-        bench_skies_text(b, skies), b->desc->width, b->desc->height, method_name(b->desc->method), b->desc->samples,
-        b->threads, m.processors, b->kernels->level, b->desc->rounds, m.cpu, m.commit, m.date);
+    json_object_set_new(o, "note", script_text(row->note));
+    json_object_set_new(o, "skipped", script_text(row->skipped));
+    return o;
 }
 
-enum err bench_run(const struct bench_desc *desc, struct bench_report *out, struct reason *why)
+static json_t *title(const struct bench *b)
+{
+    const struct environment *sky = b->skies[0].environment;
+    char text[1024], skies[80];
+
+    snprintf(
+        text, sizeof(text),
+        "%s, %llu triangles, %s (%ux%u, %s), %ux%u, %s, %u samples, %d of %d threads, kernels %s, medians of about %d "
+        "rounds",
+        b->set->name, (unsigned long long)b->set->scene->triangle_count, sky->name, sky->image.width, sky->image.height,
+        bench_skies_text(b, skies), b->desc->width, b->desc->height, method_name(b->desc->method), b->desc->samples,
+        b->threads, omp_get_num_procs(), b->kernels->level, b->desc->rounds);
+    return script_text(text);
+}
+
+static enum err run_row(struct bench *b, size_t i, json_t *all, struct reason *why)
+{
+    struct bench_row row = { .rounds = 0 };
+
+    progress_begin(&b->line, rows[i].name, (uint64_t)b->desc->rounds, b->desc->progress ? stderr : NULL);
+    const enum err e = rows[i].run(b, &row);
+    progress_end(&b->line);
+    if (e)
+        return err_say(why, e, "%s: %s", rows[i].name, err_text(e));
+    json_t *o = bench_row_json(&row);
+    json_object_set_new(o, "name", json_string(rows[i].name));
+    json_object_set_new(o, "unit", json_string(rows[i].unit));
+    if (rows[i].sense)
+        json_object_set_new(o, rows[i].sense, json_real(rows[i].target));
+    json_array_append_new(all, o);
+    return ERR_OK;
+}
+
+enum err bench_run(const struct bench_desc *desc, struct script *to, struct reason *why)
 {
     struct bench b = { .desc = desc };
+    json_t *report = NULL;
 
-    _Static_assert(ROWS <= BENCH_ROWS, "a row for each");
-    *out = (struct bench_report){ .count = 0 };
     enum err e = bench_begin(&b, why);
     if (!e)
         e = bench_take_skies(&b, desc->source, why);
     if (!e)
         e = make_images(&b, why);
     if (!e)
-        write_title(&b, out);
-    for (size_t i = 0; i < ROWS && !e; i++) {
-        struct bench_row *row = &out->rows[out->count++];
-        *row = (struct bench_row){
-            .name = rows[i].name, .unit = rows[i].unit, .sense = rows[i].sense, .target = rows[i].target
-        };
-        progress_begin(&b.line, rows[i].name, (uint64_t)desc->rounds, desc->progress ? stderr : NULL);
-        e = rows[i].run(&b, row);
-        progress_end(&b.line);
-        if (e)
-            err_say(why, e, "%s: %s", rows[i].name, err_text(e));
-    }
+        report = json_pack("{s:o, s:o, s:[]}", "title", title(&b), "machine",
+                           script_machine(b.threads, b.kernels->level), "rows");
+    for (size_t i = 0; i < ROWS && !e; i++)
+        e = run_row(&b, i, json_object_get(report, "rows"), why);
+    if (!e)
+        e = script_tell(to, report, why);
+    else
+        json_decref(report);
     bench_end(&b);
     return e;
 }

@@ -9,9 +9,7 @@
 
 #include <stdbool.h>
 #include <stdint.h>
-#include <stdio.h>
 
-#define BENCH_ROWS 16
 #define BENCH_ROUNDS_MAX 99
 
 struct bench_desc {
@@ -31,42 +29,21 @@ struct bench_desc {
     bool progress; /* show a progress line on standard error, if that is a terminal */
 };
 
-enum bench_sense {
-    BENCH_STATED,   /* there is no target */
-    BENCH_AT_LEAST, /* the ratio must reach the target */
-    BENCH_AT_MOST,  /* the ratio must not exceed it */
-};
-
 /* Two figures of one unit and their ratio ours / bare, which is the median of the rounds' own ratios. */
 struct bench_row {
-    const char *name, *unit;
-    double ours, bare, ratio; /* medians */
+    double ours, bare, ratio; /* medians; bare 0: there is nothing to compare with, and the ratio is `ours` */
     int rounds;               /* over so many */
-    enum bench_sense sense;
-    double target;
-    bool alone; /* there is nothing to compare with: bare is 0, and the target is that of `ours`, which is the ratio */
-    char note[400];    /* what the second figure is, or why there is none */
-    char skipped[160]; /* why the row could not be measured; "" where it was */
+    char note[400];           /* what the second figure is, or why there is none */
+    char skipped[160];        /* why the row could not be measured; "" where it was */
 };
 
-struct bench_report {
-    char title[1024];
-    struct bench_row rows[BENCH_ROWS];
-    size_t count;
-};
+struct script;
 
-/* Fills *out. A row that cannot be measured says so and is no error. Errors are those of the scene and the source, and
- * ERR_NOMEM. */
-MUST_CHECK enum err bench_run(const struct bench_desc *desc, struct bench_report *out, struct reason *why);
+/* Measures all rows and tells them to bench.py, which prints them. A row that cannot be measured says so and is no
+ * error. Errors are those of the scene and the source, ERR_NOMEM and ERR_IO: of the script. */
+MUST_CHECK enum err bench_run(const struct bench_desc *desc, struct script *to, struct reason *why);
 
 /* What an image by the cache of light transport costs, of each scene under each source, at desc's size and at twice
- * its width and height, by the best kernels and by those for AVX2 (or by desc->cpu alone): prints one table with the
- * targets. Errors as bench_run's. */
-MUST_CHECK enum err bench_speed(const struct bench_desc *desc, FILE *to, struct reason *why);
-
-/* True when the row has a target and meets it. */
-bool bench_holds(const struct bench_row *row);
-
-/* Prints the report as a table for people, or as JSON. */
-void bench_print_table(const struct bench_report *r, FILE *to);
-void bench_print_json(const struct bench_report *r, FILE *to);
+ * its width and height, by the best kernels and by those for AVX2 (or by desc->cpu alone): bench.py gets
+ * them one by one, and prints one table with the targets. Errors as bench_run's. */
+MUST_CHECK enum err bench_speed(const struct bench_desc *desc, struct script *to, struct reason *why);

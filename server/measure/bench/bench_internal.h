@@ -8,6 +8,8 @@
 #include "light/frame/relight.h"
 #include "measure/bench/bench.h"
 
+#include <jansson.h>
+
 struct scene;
 struct part;
 
@@ -78,6 +80,9 @@ void bench_take(struct bench_row *row, double *ours, double *bare, int rounds);
 
 /* Fills the row with a figure that there is nothing to compare with. */
 void bench_state(struct bench_row *row, double figure, int rounds);
+
+/* A row's figures, for the script. Owned by the caller. */
+json_t *bench_row_json(const struct bench_row *row);
 
 /* Sorts the values. */
 double bench_median(double *v, int n);

@@ -244,7 +244,6 @@ enum err bench_no_visibility(struct bench *b, struct bench_row *row)
     m.light = &light;
     if (!e)
         e = bench_time(b, &pair, row);
-    row->alone = false;
     row->bare = PAPER_FRAMES;
     row->ratio = row->ours / PAPER_FRAMES;
     snprintf(row->note, sizeof(row->note),

@@ -18,6 +18,7 @@ import first_minute
 import truth
 import viewer
 from relightd import STOPPING, Failure, end_all
+from serve import processor
 
 SCENES = {"court": None, "house": "house.py:house.glb", "ring": "ring.json", "product": "product.py:product.json", "room": "room.py:room.*"}
 SOURCES = {**{str(hour): f"sky:hour={hour},speed=0.25" for hour in (9, 12, 17)}, "clouds": "proof.py"}
@@ -156,9 +157,7 @@ def pass_on(arguments):
 
 
 def machine():
-    with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
-        model = re.search(r"^model name\s*:\s*(.*)$", file.read(), re.M)
-    return {"cpu": model[1] if model else "unknown", "processors": len(os.sched_getaffinity(0)), "load": os.getloadavg()[0]}
+    return {"cpu": processor(), "processors": len(os.sched_getaffinity(0)), "load": os.getloadavg()[0]}
 
 
 def check_port(port):

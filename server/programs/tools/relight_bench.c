@@ -1,11 +1,11 @@
-/* Benchmarks the stages of the pipeline, and all of it, against the limits of the machine: flags and output;
- * server/measure/bench measures.
- */
+/* Benchmarks the stages of the pipeline, and all of it, against the limits of the machine: the flags;
+ * server/measure/bench measures, and a script prints. */
 #include "base/log.h"
 #include "base/setting_table.h"
 #include "base/threads.h"
 #include "import/sandbox/child.h"
 #include "measure/bench/bench.h"
+#include "measure/chart/script.h"
 #include "relightd/settings/settings.h"
 
 #include <errno.h>
@@ -92,7 +92,6 @@ static bool wants_script(char **argv)
 int main(int argc, char **argv)
 {
     static struct bench_program b;
-    static struct bench_report report;
     static struct command command = {
         .name = "relight-bench",
         .synopsis = "[--scene FILE] [--source S] [flags]",
@@ -102,6 +101,7 @@ int main(int argc, char **argv)
         .program = FOR_BENCH,
         .lists = { { settings_table, &b.setup }, { rows, &b } },
     };
+    struct script script = { .pid = 0 };
     struct reason why = { "" };
     bool done;
 
@@ -119,9 +119,10 @@ int main(int argc, char **argv)
     if (!e)
         e = read_options(&command, &b, &why);
     if (!e)
-        e = b.speed ? bench_speed(&b.desc, stdout, &why) : bench_run(&b.desc, &report, &why);
-    if (!e && !b.speed)
-        (b.json ? bench_print_json : bench_print_table)(&report, stdout);
+        e = script_start(&script, "bench.py", b.json ? "--json" : NULL, &why);
+    if (!e)
+        e = (b.speed ? bench_speed : bench_run)(&b.desc, &script, &why);
+    script_end(&script);
     if (e)
         log_error("%s", why.text[0] ? why.text : err_text(e));
     return err_exit_code(e);
