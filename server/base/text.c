@@ -37,7 +37,7 @@ static bool reserve(struct text *t, size_t more)
     return true;
 }
 
-void text_add_bytes(struct text *t, const char *bytes, size_t size)
+static void add_bytes(struct text *t, const char *bytes, size_t size)
 {
     if (!reserve(t, size))
         return;
@@ -70,21 +70,9 @@ void text_add_escaped(struct text *t, const char *plain)
         case '&': text_add(t, "&amp;"); break;
         case '"': text_add(t, "&quot;"); break;
         case '\'': text_add(t, "&#39;"); break;
-        default: text_add_bytes(t, (unsigned char)*plain < 0x20 ? " " : plain, 1);
+        default: add_bytes(t, (unsigned char)*plain < 0x20 ? " " : plain, 1);
         }
     }
-}
-
-void text_add_field(struct text *t, const char *plain)
-{
-    if (!strpbrk(plain, ",\"\r\n")) {
-        text_add(t, "%s", plain);
-        return;
-    }
-    text_add(t, "\"");
-    for (; *plain; plain++)
-        text_add_bytes(t, *plain == '"' ? "\"\"" : plain, *plain == '"' ? 2 : 1);
-    text_add(t, "\"");
 }
 
 void text_add_base64(struct text *t, const uint8_t *bytes, size_t size)
@@ -97,7 +85,7 @@ void text_add_base64(struct text *t, const uint8_t *bytes, size_t size)
                                (uint32_t)(left > 2 ? bytes[i + 2] : 0);
         const char four[4] = { digits[three >> 18], digits[three >> 12 & 63], left > 1 ? digits[three >> 6 & 63] : '=',
                                left > 2 ? digits[three & 63] : '=' };
-        text_add_bytes(t, four, 4);
+        add_bytes(t, four, 4);
     }
 }
 

@@ -17,15 +17,11 @@ struct text {
 
 void text_finish(struct text *t); /* zeroed memory is allowed */
 
-/* Adds formatted text; adds bytes as they are. */
+/* Adds formatted text. */
 void text_add(struct text *t, const char *format, ...) PRINTF_LIKE(2, 3);
-void text_add_bytes(struct text *t, const char *bytes, size_t size);
 
 /* With <, >, &, " and ' as HTML's entities; control characters become blanks. */
 void text_add_escaped(struct text *t, const char *plain);
-
-/* In CSV: within quotes where it needs them [RFC 4180]. */
-void text_add_field(struct text *t, const char *plain);
 
 /* As base64 [RFC 4648], for data: addresses. */
 void text_add_base64(struct text *t, const uint8_t *bytes, size_t size);

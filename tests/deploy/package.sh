@@ -57,6 +57,7 @@ it_holds_what_is_to_be_installed() {
     [ -x "$root/usr/lib/relightd/relight-decoder" ] || fail "no decoder for what producers send"
     [ -x "$root/usr/lib/relightd/relight-reader" ] || fail "no reader of scene files"
     "$root/usr/bin/relight-bench" --live --help | grep -q -- --patience || fail "no scripts of relight-bench --live"
+    [ -x "$root/usr/lib/relightd/relight-scripts/chart.py" ] || fail "no scripts of relight-chart"
     [ -x "$root/usr/lib/relightd/relight-demux" ] && [ -x "$root/usr/lib/relightd/relight-video" ] || fail "no video sources"
     [ -s "$root/usr/lib/systemd/system/relightd.service" ] || fail "no unit"
     [ -s "$root/etc/relightd/relightd.json" ] || fail "no configuration"

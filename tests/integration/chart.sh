@@ -147,9 +147,12 @@ bad_input_ends_with_its_code() {
     expect 2 'neither XDG_CACHE_HOME nor HOME' env -u XDG_CACHE_HOME -u HOME "${program[@]}" --out "$work/o"
 }
 
-a_machine_without_gnuplot_is_told() {
+what_the_script_cannot_do_is_told() {
     mkdir "$work/empty"
-    expect 1 'gnuplot-nox' env PATH="$work/empty" "$bin/relight-chart" --quick --out "$work/o"
+    expect 1 'python3 cannot be started: No such file' env PATH="$work/empty" "$bin/relight-chart" --quick --out "$work/o"
+    mkdir -p "$work/o/chart.csv.part"
+    expect 1 "error: $work/o/chart.csv.part: Is a directory" "$bin/relight-chart" --quick --size 16x9 --seeds 4 --budgets 2,4 \
+        --reference 16 --techniques mis --out "$work/o" --sources sky:size=64x32
 }
 
 # Ranks make the references; rank 0 finds them in the cache and measures. The pictures' errors are those of one process.

@@ -2,14 +2,10 @@
 
 #include "base/clock.h"
 #include "base/folder.h"
-#include "base/mem.h"
 #include "base/progress.h"
-#include "base/text.h"
-#include "measure/chart/csv.h"
-#include "measure/chart/page.h"
 #include "measure/chart/panel.h"
-#include "measure/chart/plot.h"
-#include "measure/chart/winners.h"
+#include "measure/chart/script.h"
+#include "measure/compare/ramp.h"
 #include "sky/source/source.h"
 
 #include <errno.h>
@@ -19,20 +15,16 @@
 #include <string.h>
 #include <unistd.h>
 
-#define BOOTSTRAP_ROUNDS 500
 #define BUILTIN "builtin"
 #define LIST_SEPARATOR ";"
+#define RAMP 9 /* colours of the error maps' legend */
 
 struct chart {
     const struct chart_desc *desc;
     char cache[4096];
     uint32_t budgets[BUDGETS_MAX], budget_count;
-    struct panel **panels;
-    struct winners *winners;
-    struct text *sections;
-    size_t count, room;
+    struct script script; /* chart.py, which writes the files */
     struct progress line;
-    double begun;
     bool ahead;          /* of a job: the references of panels are made, */
     uint64_t cell, mine; /* the next panel, and the next one of this rank */
 };
@@ -98,7 +90,7 @@ static bool has_class(const struct chart_desc *d, enum light_class light_class)
     const struct technique *all = technique_all(&count);
 
     for (size_t t = 0; t < count; t++)
-        if (all[t].light_class == light_class && panel_takes(d->techniques, &all[t]))
+        if (all[t].light_class == light_class && technique_listed(d->techniques, &all[t]))
             return true;
     return false;
 }
@@ -117,62 +109,23 @@ static struct panel_desc panel_desc_of(const struct chart *c, enum light_class l
     };
 }
 
-static enum err store(struct text *t, const char *folder, const char *name, struct reason *why)
+/* Starts the script, and says what is the same for all panels. */
+static enum err begin_page(struct chart *c, struct reason *why)
 {
-    char path[4352];
+    const enum err e = script_start(&c->script, "chart.py", c->desc->out, why);
+    uint8_t rgb[3];
 
-    snprintf(path, sizeof(path), "%s/%s", folder, name);
-    const enum err e = text_store(t, path, why);
-    text_finish(t);
-    return e;
-}
-
-/* All files, from the panels that there are. */
-static enum err write_files(const struct chart *c, struct reason *why)
-{
-    const struct panel *const *panels = (const struct panel *const *)c->panels;
-    struct page page = {
-        .panels = panels,
-        .winners = c->winners,
-        .sections = c->sections,
-        .count = c->count,
-        .command = c->desc->command,
-        .seconds = clock_seconds() - c->begun,
-    };
-    struct text t = { .bytes = NULL };
-
-    machine_describe(&page.machine, c->desc->kernels->level);
-    csv_points(&t, panels, c->count);
-    enum err e = store(&t, c->desc->out, "chart.csv", why);
-    csv_runs(&t, panels, c->count);
-    if (!e)
-        e = store(&t, c->desc->out, "runs.csv", why);
-    if (!e)
-        e = page_write(&page, &t, why);
-    if (!e)
-        e = store(&t, c->desc->out, "index.html", why);
-    text_finish(&t);
-    return e;
-}
-
-/* Draws the newest panel and writes its section of the page; its images are not needed afterwards. */
-static enum err show_panel(struct chart *c, struct reason *why)
-{
-    const size_t k = c->count - 1;
-    struct panel *p = c->panels[k];
-    char name[256], path[4352];
-    enum err e = winners_find(p, ERROR_REL_MSE, BOOTSTRAP_ROUNDS, &c->winners[k]);
-
-    for (int kind = 0; kind < ERROR_KINDS && !e; kind++) {
-        page_svg_name(p, k, (enum error_kind)kind, name, sizeof(name));
-        snprintf(path, sizeof(path), "%s/%s", c->desc->out, name);
-        if (!e)
-            e = plot_draw(p, (enum error_kind)kind, path, why);
+    if (e)
+        return e;
+    json_t *first = json_pack("{s:[], s:[], s:o}", "command", "ramp", "machine",
+                              script_machine(c->desc->threads, c->desc->kernels->level));
+    for (char *const *a = c->desc->arguments; *a; a++)
+        json_array_append_new(json_object_get(first, "command"), script_text(*a));
+    for (int k = 0; k < RAMP; k++) {
+        ramp_colour(k / (RAMP - 1.0), rgb);
+        json_array_append_new(json_object_get(first, "ramp"), json_sprintf("#%02x%02x%02x", rgb[0], rgb[1], rgb[2]));
     }
-    if (!e)
-        e = page_add_panel(&c->sections[k], p, &c->winners[k], k, c->desc->out, why);
-    panel_drop_images(p);
-    return e ? e : write_files(c, why);
+    return script_tell(&c->script, first, why);
 }
 
 struct light { /* a sky, decoded and resampled */
@@ -247,10 +200,12 @@ static enum err run_sky(struct chart *c, const struct prepared_scene *set, const
             e = make_ahead(c, &d, why);
             continue;
         }
-        e = panel_measure(&d, &c->panels[c->count], why);
-        c->count += !e;
+        json_t *panel;
+        e = panel_measure(&d, &panel, why);
         if (!e)
-            e = show_panel(c, why);
+            e = script_tell(&c->script, panel, why);
+        else
+            json_decref(panel);
     }
     light_finish(&l);
     return e;
@@ -304,17 +259,17 @@ static enum err check(struct chart *c, struct reason *why)
 
     enum err e = chart_read_budgets(d->budgets, c->budgets, BUDGETS_MAX, &c->budget_count, why);
     if (!e)
-        e = panel_check_techniques(d->techniques, why);
+        e = technique_check_list(d->techniques, why);
     if (!e && skies == 0)
         e = err_say(why, ERR_USAGE, "--scenes and --sources: at least one of each");
-    if (!e)
-        e = plot_check(why);
     if (!e)
         e = folder_make(d->out, why);
     if (!e && access(d->out, W_OK) != 0)
         e = err_say(why, ERR_IO, "--out %s: %s", d->out, strerror(errno));
     if (!e)
         e = find_cache(c, why);
+    if (!e && ranks_index(d->ranks) == 0)
+        e = begin_page(c, why);
     if (e)
         return e;
     for (int k = 0; k < LIGHT_CLASSES; k++) {
@@ -322,14 +277,7 @@ static enum err check(struct chart *c, struct reason *why)
         if (has_class(d, p.light_class))
             work += panel_work(&p);
     }
-    work *= skies;
-    c->room = skies * LIGHT_CLASSES;
-    c->panels = mem_alloc(c->room, sizeof(struct panel *));
-    c->winners = mem_alloc(c->room, sizeof(*c->winners));
-    c->sections = mem_alloc(c->room, sizeof(*c->sections));
-    if (!c->panels || !c->winners || !c->sections)
-        return err_say(why, ERR_NOMEM, "out of memory");
-    progress_begin(&c->line, "charting", work, d->progress ? stderr : NULL);
+    progress_begin(&c->line, "charting", skies * work, d->progress ? stderr : NULL);
     return ERR_OK;
 }
 
@@ -357,7 +305,7 @@ static enum err run_ahead(struct chart *c, struct reason *why)
 
 enum err chart_run(const struct chart_desc *desc, struct reason *why)
 {
-    struct chart c = { .desc = desc, .begun = clock_seconds() };
+    struct chart c = { .desc = desc };
 
     enum err e = ranks_agree(desc->ranks, check(&c, why), why);
     if (!e && desc->ranks)
@@ -365,12 +313,6 @@ enum err chart_run(const struct chart_desc *desc, struct reason *why)
     if (!e && ranks_index(desc->ranks) == 0)
         e = run_all(&c, why);
     progress_end(&c.line);
-    for (size_t k = 0; k < c.count; k++) {
-        panel_destroy(c.panels[k]);
-        text_finish(&c.sections[k]);
-    }
-    mem_free(c.panels);
-    mem_free(c.winners);
-    mem_free(c.sections);
+    script_end(&c.script);
     return e && !why->text[0] && !desc->ranks ? err_say(why, e, "%s", err_text(e)) : e;
 }

@@ -20,7 +20,7 @@ struct chart_desc {
     const char *cache;      /* folder of references; NULL: the user's cache folder */
     const char *techniques; /* names separated by commas; NULL: all */
     const char *budgets;    /* ascending numbers separated by commas */
-    const char *command;    /* for the page */
+    char *const *arguments; /* of the command line, for the page; NULL at their end */
     const struct kernels *kernels;
     uint32_t width, height, seeds;
     uint32_t edge_rays; /* as in set_desc, likewise every_pixel */
@@ -34,8 +34,9 @@ struct chart_desc {
     int threads;
 };
 
-/* Writes chart.csv, runs.csv, index.html and the charts' SVG files. ERR_USAGE: a list is invalid, which is
- * found before the work. Errors of scenes and sources, ERR_IO, ERR_NOMEM, ERR_UNSUPPORTED: no gnuplot. */
+/* Writes chart.csv, runs.csv, index.html and the charts' SVG files, by a script (script.h). ERR_USAGE: a list is
+ * invalid, which is found before the work, as is ERR_IO: no python3. Errors of scenes and sources, ERR_IO, ERR_NOMEM.
+ */
 MUST_CHECK enum err chart_run(const struct chart_desc *desc, struct reason *why);
 
 /* "4,8,16" into at most `room` numbers, ascending and at least two. ERR_USAGE. */

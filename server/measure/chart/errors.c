@@ -5,23 +5,7 @@
 
 #include <math.h>
 
-static const struct error_about kinds[ERROR_KINDS] = {
-    [ERROR_REL_MSE] = { "rel_mse", "relative squared error (relMSE)", -1.0,
-                        "The squared error of a pixel relative to its brightness; 0.01 is 10 % off." },
-    [ERROR_NOISE] = { "noise", "noise alone (relMSE without bias)", -1.0,
-                      "The part of that error that more samples reduce: how much two runs differ." },
-    [ERROR_DELTA_E] = { "delta_e", "visible difference (mean delta E*ab)", -0.5,
-                        "How different the finished image looks; 1 is just noticeable side by side, 5 is plain." },
-    [ERROR_FLIP] = { "flip", "perceived difference (mean FLIP)", -0.5,
-                     "The difference that is visible when the finished image and the true one alternate, viewed at "
-                     "67 "
-                     "pixels per degree; 0 is none, 1 the largest." },
-};
-
-const struct error_about *error_about(enum error_kind kind)
-{
-    return &kinds[kind];
-}
+const char *const error_names[ERROR_KINDS] = { "rel_mse", "noise", "delta_e", "flip" };
 
 /* n / (n - 1) times the square of x_i - m, m the mean of all: their mean is the variance. Both references cancel. */
 static double noise_of(const double *pairs, uint32_t n, uint32_t i)

@@ -1,4 +1,5 @@
-/* The errors that are charted. To add one, add a value here, a row in errors.c and a line in errors_of. Any thread. */
+/* The errors that are charted. To add one, add a value here, a name in errors.c, a line in errors_of, and a row in
+ * scripts/winners.py. Any thread. */
 #pragma once
 
 #include "measure/chart/judge.h"
@@ -13,14 +14,7 @@ enum error_kind {
     ERROR_KINDS,
 };
 
-struct error_about {
-    const char *name;  /* in the CSV and in file names */
-    const char *title; /* of an axis */
-    double slope;      /* over time in log-log, where more time is more samples and there is no bias */
-    const char *plain; /* one sentence that explains it */
-};
-/* Static. */
-const struct error_about *error_about(enum error_kind kind);
+extern const char *const error_names[ERROR_KINDS]; /* of the script, in the CSV and in file names */
 
 /* The errors out[ERROR_KINDS][n] of n images that differ in their seeds only. mask: as for judge_init; pairs: from
  * judge_pairs. ERR_NOMEM. */

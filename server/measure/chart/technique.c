@@ -4,17 +4,17 @@
 #include "base/rng.h"
 #include "light/estimators/paths.h"
 
+#include <stdio.h>
 #include <string.h>
 
 #define DIRECT .light_class = LIGHT_DIRECT, .light.classes = PATH_BACKGROUND | PATH_DIRECT, .times = 1, .per = 1
 /* All light: twice the samples, so that a budget of 4 comes to one eye path and one particle a pixel. */
 #define ALL .light_class = LIGHT_ALL, .light.classes = PATH_ALL, .times = 2, .per = 1
 /* A whole path for every four samples: it costs about as much. */
-#define IMAGE_DIRECT                                                                                                 \
+#define IMAGE_DIRECT                                                                                                   \
     .light_class = LIGHT_DIRECT, .kind = TECHNIQUE_BASELINE, .light.classes = PATH_BACKGROUND | PATH_DIRECT,           \
     .times = 1, .per = 4
-#define IMAGE_ALL                                                                                                    \
-    .light_class = LIGHT_ALL, .kind = TECHNIQUE_BASELINE, .light.classes = PATH_ALL, .times = 1, .per = 4
+#define IMAGE_ALL .light_class = LIGHT_ALL, .kind = TECHNIQUE_BASELINE, .light.classes = PATH_ALL, .times = 1, .per = 4
 
 static const struct technique techniques[] = {
     { "uniform", "directions evenly from all around", DIRECT, .colour = 0x8c8c8c,
@@ -63,18 +63,12 @@ static const struct technique techniques[] = {
     { "mlt", "chains of paths that dwell where it is bright (Metropolis)", IMAGE_ALL, .colour = 0x7a5af0,
       .light.direct.method = METHOD_MLT },
     { "photons", "a photon map, blurred", IMAGE_ALL, .colour = 0x1fa894, .light.direct.method = METHOD_PHOTONS },
-    { "vpl", "virtual point lights, dim in corners", IMAGE_ALL, .colour = 0xc79a00,
-      .light.direct.method = METHOD_VPL },
+    { "vpl", "virtual point lights, dim in corners", IMAGE_ALL, .colour = 0xc79a00, .light.direct.method = METHOD_VPL },
 };
 
 const char *light_class_name(enum light_class c)
 {
     return c == LIGHT_DIRECT ? "direct" : "all";
-}
-
-const char *light_class_title(enum light_class c)
-{
-    return c == LIGHT_DIRECT ? "direct light" : "all light";
 }
 
 uint32_t light_class_paths(enum light_class c)
@@ -86,6 +80,43 @@ const struct technique *technique_all(size_t *count)
 {
     *count = sizeof(techniques) / sizeof(techniques[0]);
     return techniques;
+}
+
+const char *const technique_kinds[] = { "fixed", "baseline", "prepared", "filtered", "auto" };
+
+/* Whether the name stands in the list, whole. */
+static bool is_listed(const char *list, const char *name)
+{
+    const size_t n = strlen(name);
+
+    for (const char *at = list; *at; at += strcspn(at, ","), at += *at == ',')
+        if (strcspn(at, ",") == n && memcmp(at, name, n) == 0)
+            return true;
+    return false;
+}
+
+bool technique_listed(const char *list, const struct technique *t)
+{
+    return !list || is_listed(list, t->name);
+}
+
+enum err technique_check_list(const char *list, struct reason *why)
+{
+    const size_t count = sizeof(techniques) / sizeof(techniques[0]);
+    struct reason known = { "" };
+
+    for (size_t t = 0; t < count; t++) {
+        const size_t used = strlen(known.text);
+        if (!is_listed(known.text, techniques[t].name))
+            snprintf(known.text + used, sizeof(known.text) - used, "%s%s", used ? "," : "", techniques[t].name);
+    }
+    for (const char *at = list; at && *at; at += strcspn(at, ","), at += *at == ',') {
+        char name[64];
+        snprintf(name, sizeof(name), "%.*s", (int)strcspn(at, ","), at);
+        if (!is_listed(known.text, name))
+            return err_say(why, ERR_USAGE, "--techniques: '%s' is none; there are %s", name, known.text);
+    }
+    return ERR_OK;
 }
 
 uint32_t technique_samples(const struct technique *t, uint32_t budget)

@@ -6,6 +6,7 @@
 #include "light/frame/decide.h"
 #include "light/frame/relight.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -16,9 +17,8 @@ enum light_class {
     LIGHT_CLASSES,
 };
 
-const char *light_class_name(enum light_class c);  /* "direct", "all" */
-const char *light_class_title(enum light_class c); /* for people */
-uint32_t light_class_paths(enum light_class c);    /* PATH_* */
+const char *light_class_name(enum light_class c); /* "direct", "all" */
+uint32_t light_class_paths(enum light_class c);   /* PATH_* */
 
 enum technique_kind {
     TECHNIQUE_FIXED,    /* the lower envelope is that of these */
@@ -45,6 +45,14 @@ struct technique {
 
 /* All of them, in the order of the legend. */
 const struct technique *technique_all(size_t *count);
+#define TECHNIQUES_MAX 32
+
+extern const char *const technique_kinds[]; /* their names */
+
+/* Whether a list of names with commas between has the technique's; NULL: it has all. technique_check_list returns
+ * ERR_USAGE for an unknown name. */
+bool technique_listed(const char *list, const struct technique *t);
+MUST_CHECK enum err technique_check_list(const char *list, struct reason *why);
 
 /* The samples that a budget comes to, at least 1. */
 uint32_t technique_samples(const struct technique *t, uint32_t budget);

@@ -1,11 +1,11 @@
-/* Small images within a page: JPEG in data: addresses. One thread at a time per encoder. */
+/* Small images within a page: data: addresses of JPEG files. Owned by the caller; NULL: out of memory. Any thread. */
 #pragma once
 
-#include "base/text.h"
-#include "image/codec/jpeg.h"
-#include "measure/chart/panel.h"
+#include "measure/chart/judge.h"
 
-/* Adds `data:image/jpeg;base64,...` of a linear image under the panel's exposure, or of its errors: relative error
- * from 0.1 % (black) over violet and red to 100 % (pale yellow), grey where nothing is compared. ERR_NOMEM. */
-MUST_CHECK enum err thumb_image(struct text *t, struct jpeg_encoder *j, const struct panel *p, const float *rgb);
-MUST_CHECK enum err thumb_errors(struct text *t, struct jpeg_encoder *j, const struct panel *p, const float *rgb);
+#include <jansson.h>
+
+/* Of a linear image rgb[height][width][3] with this gain, or of its errors: relative error from 0.1 % (black) over
+ * violet and red to 100 % (pale yellow), grey where nothing is compared. */
+json_t *thumb_image(const struct judge *j, double gain, const float *rgb);
+json_t *thumb_errors(const struct judge *j, const float *rgb);

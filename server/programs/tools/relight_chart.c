@@ -95,17 +95,6 @@ static enum err run(struct chart_program *chart, int argc, char **argv, struct r
     return e;
 }
 
-/* The command line again, for the page. */
-static void join(int argc, char **argv, char *text, size_t size)
-{
-    size_t used = (size_t)snprintf(text, size, "relight-chart");
-
-    for (int i = 1; i < argc && used < size; i++) {
-        const char *quote = strpbrk(argv[i], " ;*?$&<>|()") ? "'" : "";
-        used += (size_t)snprintf(text + used, size - used, " %s%s%s", quote, argv[i], quote);
-    }
-}
-
 int main(int argc, char **argv)
 {
     static struct chart_program chart;
@@ -121,13 +110,11 @@ int main(int argc, char **argv)
         .lists = { { settings_table, &chart.setup }, { rows, &chart } },
     };
     struct reason why = { "" };
-    char text[2048];
     bool done;
 
     threads_wait_passively(argv); /* as relightd does, whose frames are timed here */
     log_init("relight-chart", LOG_INFO);
-    join(argc, argv, text, sizeof(text));
-    chart.desc.command = text;
+    chart.desc.arguments = argv + 1;
     command.epilogue = sky_help;
     command_begin(&command);
     command_default(&command, "size", NULL);

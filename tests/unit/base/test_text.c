@@ -26,20 +26,6 @@ static void base64_is_that_of_the_vectors(void **state)
     }
 }
 
-static void fields_are_quoted_where_they_must_be(void **state)
-{
-    struct text t = { .bytes = NULL };
-    (void)state;
-
-    text_add_field(&t, "plain one");
-    text_add(&t, "|");
-    text_add_field(&t, "sky:hour=12,turbidity=3");
-    text_add(&t, "|");
-    text_add_field(&t, "say \"noon\"");
-    assert_string_equal(t.bytes, "plain one|\"sky:hour=12,turbidity=3\"|\"say \"\"noon\"\"\"");
-    text_finish(&t);
-}
-
 static void long_text_grows(void **state)
 {
     struct text t = { .bytes = NULL };
@@ -54,7 +40,6 @@ static void long_text_grows(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(escapes_leave_no_mark_of_html),
     cmocka_unit_test(base64_is_that_of_the_vectors),
-    cmocka_unit_test(fields_are_quoted_where_they_must_be),
     cmocka_unit_test(long_text_grows),
 };
 UNIT_MAIN(tests)

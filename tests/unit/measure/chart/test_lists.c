@@ -1,6 +1,5 @@
 /* The lists of relight-chart's flags. */
 #include "measure/chart/chart.h"
-#include "measure/chart/panel.h"
 #include "measure/chart/technique.h"
 #include "support/unit.h"
 
@@ -19,9 +18,9 @@ static void techniques_are_told_by_their_names(void **state)
             assert_false(all[i].light_class == all[k].light_class && strcmp(all[i].name, all[k].name) == 0);
     }
     struct reason why = { "" };
-    assert_true(panel_takes("faces,mis", &all[7]) == (strcmp(all[7].name, "mis") == 0));
-    assert_int_equal(panel_check_techniques("faces,mis", &why), ERR_OK);
-    assert_int_equal(panel_check_techniques("faces,mi", &why), ERR_USAGE);
+    assert_true(technique_listed("faces,mis", &all[7]) == (strcmp(all[7].name, "mis") == 0));
+    assert_int_equal(technique_check_list("faces,mis", &why), ERR_OK);
+    assert_int_equal(technique_check_list("faces,mi", &why), ERR_USAGE);
     assert_non_null(strstr(why.text, "'mi'"));
 }
 

@@ -12,7 +12,7 @@
 
 enum { FACES_UNIFORM, FACES, MIS, CURVES, SEEDS = 64 };
 
-static struct panel *measure(const char *sky, const uint32_t *budgets, uint32_t count)
+static json_t *measure(const char *sky, const uint32_t *budgets, uint32_t count)
 {
     const struct prepared_scene_desc stage = { .width = 20, .height = 11 };
     const struct source_desc from = { .spec = sky };
@@ -31,7 +31,7 @@ static struct panel *measure(const char *sky, const uint32_t *budgets, uint32_t 
         .truth_samples = 128,
     };
     struct prepared_scene *set;
-    struct panel *p = NULL;
+    json_t *p;
 
     set = set_of(&stage);
     assert_int_equal(kernels_select(NULL, &d.kernels, &why), ERR_OK);
@@ -50,17 +50,21 @@ static struct panel *measure(const char *sky, const uint32_t *budgets, uint32_t 
 }
 
 /* Of the logarithms of noise over the seeds: mean, and the square of its standard error. */
-static double mean_log(const struct panel *p, size_t curve, uint32_t budget, double *doubt2)
+static double mean_log(const json_t *curve, size_t budget, double *doubt2)
 {
-    const struct curve c = panel_curve_of(p, curve, ERROR_NOISE);
+    const json_t *point = json_array_get(json_object_get(curve, "points"), budget);
+    const json_t *noise = json_object_get(json_object_get(point, "errors"), "noise"), *v;
     double sum = 0.0, square = 0.0;
+    size_t s;
 
-    for (uint32_t s = 0; s < c.seeds; s++) {
-        const double e = log(c.errors[budget * c.seeds + s]);
-        sum += e / c.seeds;
-        square += e * e / c.seeds;
+    assert_int_equal(json_array_size(noise), SEEDS);
+    json_array_foreach(noise, s, v)
+    {
+        const double e = log(json_number_value(v));
+        sum += e / SEEDS;
+        square += e * e / SEEDS;
     }
-    *doubt2 = (square - sum * sum) / (c.seeds - 1);
+    *doubt2 = (square - sum * sum) / (SEEDS - 1);
     return sum;
 }
 
@@ -73,18 +77,21 @@ static void faces_beat_even_faces_and_lobes_beat_both(void **state)
     static const uint32_t budgets[] = { 32, 64 };
     (void)state;
 
-    struct panel *p = measure("sky:hour=12,size=256x128", budgets, 2);
-    assert_int_equal(p->curve_count, CURVES);
-    for (uint32_t b = 0; b < 2; b++)
+    json_t *p = measure("sky:hour=12,size=256x128", budgets, 2);
+    const json_t *curves = json_object_get(p, "curves");
+    assert_int_equal(json_array_size(curves), CURVES);
+    for (size_t b = 0; b < 2; b++)
         for (size_t c = FACES; c <= MIS; c++) {
+            const json_t *one = json_array_get(curves, c - 1), *next = json_array_get(curves, c);
             double before2, after2;
-            const double before = mean_log(p, c - 1, b, &before2), after = mean_log(p, c, b, &after2);
+            const double before = mean_log(one, b, &before2), after = mean_log(next, b, &after2);
             const double z = (before - after) / sqrt(before2 + after2);
             print_message("%u samples: %s has %.3f of the noise of %s, z %.1f\n", budgets[b],
-                          p->curves[c].technique->name, exp(after - before), p->curves[c - 1].technique->name, z);
+                          json_string_value(json_object_get(next, "technique")), exp(after - before),
+                          json_string_value(json_object_get(one, "technique")), z);
             assert_true(z > 3.0);
         }
-    panel_destroy(p);
+    json_decref(p);
 }
 
 static const struct CMUnitTest tests[] = {
