@@ -99,12 +99,11 @@ enum err config_parse(const char *name, const char *text, size_t size, struct co
     *out = NULL;
     struct config *c = mem_alloc(1, sizeof(*c));
     if (c)
-        c->name = mem_alloc(strlen(name) + 1, 1);
+        c->name = mem_text(name);
     if (!c || !c->name) {
         config_destroy(c);
         return err_say(why, ERR_NOMEM, "%s: out of memory", name);
     }
-    memcpy(c->name, name, strlen(name) + 1);
     c->root = json_loadb(text, size, JSON_REJECT_DUPLICATES, &fault);
     if (!c->root)
         e = err_say(why, ERR_FORMAT, "%s:%d: %s", name, fault.line > 0 ? fault.line : 1, fault.text);

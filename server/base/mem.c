@@ -79,6 +79,14 @@ bool mem_reserve(void *array, size_t count, size_t *capacity, size_t size)
     return true;
 }
 
+char *mem_text(const char *text)
+{
+    const size_t size = strlen(text) + 1;
+    char *copy = mem_alloc_raw(size, 1);
+
+    return copy ? memcpy(copy, text, size) : NULL;
+}
+
 void mem_free(void *p)
 {
     free(p);

@@ -28,6 +28,9 @@ void *mem_grow(void *old, size_t old_count, size_t count, size_t size);
  * 64. array: the address of the pointer to it. False when out of memory: nothing has changed. */
 bool mem_reserve(void *array, size_t count, size_t *capacity, size_t size);
 
+/* A copy of the text; NULL: out of memory. */
+char *mem_text(const char *text);
+
 void mem_free(void *p); /* NULL is allowed */
 
 /* Returns free memory of all allocator arenas to the system. May take some milliseconds; call it after a change of

@@ -29,7 +29,7 @@ struct daemon {
 };
 
 struct watcher {
-    struct client c;
+    struct test_client c;
     uint64_t first, last, got, gaps;
 };
 
@@ -99,7 +99,7 @@ static long daemon_kib(const struct daemon *d)
 /* The number of images that relightd has encoded and published. */
 static uint64_t daemon_images(const struct daemon *d)
 {
-    struct client c;
+    struct test_client c;
     unsigned long long images = 0;
 
     client_open_port(&c, d->port);
@@ -112,7 +112,7 @@ static uint64_t daemon_images(const struct daemon *d)
     return images;
 }
 
-static void greet(struct client *c, const struct daemon *d, const char *role)
+static void greet(struct test_client *c, const struct daemon *d, const char *role)
 {
     char text[120];
 
@@ -123,7 +123,7 @@ static void greet(struct client *c, const struct daemon *d, const char *role)
     client_expect(c, "welcome");
 }
 
-static void send_frame(struct client *c, uint64_t number)
+static void send_frame(struct test_client *c, uint64_t number)
 {
     static uint8_t bytes[PROTOCOL_ENVIRONMENT_BYTES + WIDTH * HEIGHT * 6];
     const struct protocol_environment e = {
@@ -164,7 +164,7 @@ static void watch_until(struct watcher *w, uint64_t frame)
 }
 
 /* The producer's messages for one frame: until its fate is known and there is credit for the next. */
-static void await_used(struct client *producer, uint64_t number)
+static void await_used(struct test_client *producer, uint64_t number)
 {
     json_t *m = client_await(producer, "frame");
 
@@ -182,7 +182,7 @@ static double seconds(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-static void play(struct daemon *d, struct client *producer, struct watcher *watchers)
+static void play(struct daemon *d, struct test_client *producer, struct watcher *watchers)
 {
     long held = 0, growth = 0, slots = 0;
     const double begun = seconds();
@@ -222,7 +222,7 @@ static void fifty_viewers_get_every_image_though_ten_of_them_are_slow(void **sta
 {
     (void)state;
     static struct watcher watchers[VIEWERS];
-    struct client producer;
+    struct test_client producer;
     struct daemon d;
 
     daemon_start(&d);

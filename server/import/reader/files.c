@@ -61,10 +61,10 @@ static enum err add_folder(struct scene_files *f, const char *path)
     if (!grown)
         return ERR_NOMEM;
     f->folders = grown;
-    grown[f->count] = mem_alloc(strlen(resolved) + 1, 1);
+    grown[f->count] = mem_text(resolved);
     if (!grown[f->count])
         return ERR_NOMEM;
-    strcpy(grown[f->count++], resolved);
+    f->count++;
     return ERR_OK;
 }
 
@@ -158,24 +158,14 @@ static enum err note_opened(struct scene_files *f, const char *path, int fd)
 {
     struct stat st;
 
-    if (f->opened_count == f->opened_room) {
-        const size_t room = 2 * f->opened_room + 16;
-        struct scene_file *more = mem_alloc(room, sizeof(*more));
-        if (!more)
-            return ERR_NOMEM;
-        if (f->opened_count > 0)
-            memcpy(more, f->opened, f->opened_count * sizeof(*more));
-        mem_free(f->opened);
-        f->opened = more;
-        f->opened_room = room;
-    }
+    if (!mem_reserve(&f->opened, f->opened_count, &f->opened_room, sizeof(*f->opened)))
+        return ERR_NOMEM;
     struct scene_file *file = &f->opened[f->opened_count];
-    file->path = mem_alloc(strlen(path) + 1, 1);
+    file->path = mem_text(path);
     if (!file->path || fstat(fd, &st) != 0) {
         mem_free(file->path);
         return ERR_NOMEM;
     }
-    strcpy(file->path, path);
     describe(&st, file);
     f->opened_count++;
     return ERR_OK;

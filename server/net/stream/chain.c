@@ -55,15 +55,15 @@ uint64_t chain_newest(struct server *s, unsigned track)
     return newest;
 }
 
-struct sent_image *chain_next(const struct server *s, const struct viewer *v)
+struct sent_image *chain_next(const struct server *s, const struct websocket *ws)
 {
-    const unsigned track = v->kind - STREAM_TRACKS;
-    const uint64_t newest = s->issued[v->kind];
-    struct sent_image *p = v->chained ? kept(s, track, v->begun + 1) : NULL;
+    const unsigned track = ws->kind - STREAM_TRACKS;
+    const uint64_t newest = s->issued[ws->kind];
+    struct sent_image *p = ws->chained ? kept(s, track, ws->begun + 1) : NULL;
 
-    if (p && !too_late(s, track, v->begun + 1, image_placed_us(p)))
+    if (p && !too_late(s, track, ws->begun + 1, image_placed_us(p)))
         return p;
-    for (uint64_t n = newest; n > v->begun && newest - n < STREAM_CHAIN; n--) {
+    for (uint64_t n = newest; n > ws->begun && newest - n < STREAM_CHAIN; n--) {
         p = kept(s, track, n);
         if (p && image_header(p)->flags & PROTOCOL_PICTURE_KEY)
             return p;
@@ -71,18 +71,18 @@ struct sent_image *chain_next(const struct server *s, const struct viewer *v)
     return NULL;
 }
 
-bool chain_may_begin(const struct server *s, const struct viewer *v, const struct sent_image *p)
+bool chain_may_begin(const struct server *s, const struct websocket *ws, const struct sent_image *p)
 {
-    if (v->unacked_count < PROTOCOL_CREDIT)
+    if (ws->unacked_count < PROTOCOL_CREDIT)
         return true;
-    return v->chained && image_header(p)->sequence == v->begun + 1 && v->unacked_count < PROTOCOL_CREDIT_H264 &&
-           !too_late(s, v->kind - STREAM_TRACKS, v->unacked[0].sequence, v->unacked[0].placed_us);
+    return ws->chained && image_header(p)->sequence == ws->begun + 1 && ws->unacked_count < PROTOCOL_CREDIT_H264 &&
+           !too_late(s, ws->kind - STREAM_TRACKS, ws->unacked[0].sequence, ws->unacked[0].placed_us);
 }
 
-void chain_ask(struct server *s, const struct viewer *v)
+void chain_ask(struct server *s, const struct websocket *ws)
 {
-    const bool up_to_date = v->chained && v->begun == s->issued[v->kind];
+    const bool up_to_date = ws->chained && ws->begun == s->issued[ws->kind];
 
-    if (!up_to_date && v->unacked_count < PROTOCOL_CREDIT)
-        s->keys_wanted |= 1u << (v->kind - STREAM_TRACKS);
+    if (!up_to_date && ws->unacked_count < PROTOCOL_CREDIT)
+        s->keys_wanted |= 1u << (ws->kind - STREAM_TRACKS);
 }

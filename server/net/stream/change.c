@@ -33,7 +33,7 @@ enum err server_change(struct server *s, const struct server_desc *desc, struct 
 
     here.address = s->address;
     here.push = s->push;
-    here.max_connections = s->max_connections;
+    here.max_connections = s->limits.most_admitted;
     struct server *next = server_prepare(&here, &e, why);
     if (!e)
         e = server_may_listen(next, s->port, why);
@@ -87,9 +87,9 @@ void server_take_change(struct server *s)
     swap_texts(&s->public_names, &next->public_names);
     swap_texts(&s->embed_policy, &next->embed_policy);
     s->behind_proxy = next->behind_proxy;
-    memcpy(s->proxy, next->proxy, sizeof(s->proxy));
-    s->max_per_address = next->max_per_address;
-    s->max_per_address_given = next->max_per_address_given;
+    memcpy(s->proxies, next->proxies, sizeof(s->proxies));
+    s->limits.per_address = next->limits.per_address;
+    s->limits.per_address_given = next->limits.per_address_given;
     s->max_frame_bytes = next->max_frame_bytes;
     s->controllers = next->controllers;
     s->recorders = next->recorders;

@@ -99,47 +99,47 @@ void controls_tell(struct server *s)
     k->answer_count = 0;
     pthread_mutex_unlock(&s->lock);
     for (unsigned i = 0; i < count; i++) {
-        struct viewer *v = s->viewers;
-        while (v && v->id != answers[i].by)
-            v = v->next;
-        if (!v)
+        struct websocket *ws = s->websockets;
+        while (ws && ws->id != answers[i].by)
+            ws = ws->next;
+        if (!ws)
             continue;
         if (answers[i].error[0]) {
             struct fault fault;
             fault_say(&fault, FAULT_BAD_FIELD, answers[i].clause ? answers[i].clause : "4.13", "%s", answers[i].error);
             fault.stays = fault.has_request = true;
             fault.request = answers[i].request;
-            viewer_send_error(v, &fault);
+            websocket_send_error(ws, &fault);
         } else {
-            v->answer_due = true;
-            v->answer = answers[i].request;
+            ws->answer_due = true;
+            ws->answer = answers[i].request;
         }
     }
 }
 
-bool control_due(const struct viewer *v)
+bool control_due(const struct websocket *ws)
 {
-    struct server *s = v->server;
+    struct server *s = ws->server;
 
-    if (!v->greeted || v->role == SERVER_PRODUCER)
+    if (!ws->greeted || ws->role == SERVER_PRODUCER)
         return false;
     pthread_mutex_lock(&s->lock);
-    const bool due = s->control.shared && (v->answer_due || v->control_seen != s->control.version);
+    const bool due = s->control.shared && (ws->answer_due || ws->control_seen != s->control.version);
     pthread_mutex_unlock(&s->lock);
     return due;
 }
 
-char *control_text(struct viewer *v)
+char *control_text(struct websocket *ws)
 {
-    struct control *k = &v->server->control;
+    struct control *k = &ws->server->control;
 
-    pthread_mutex_lock(&v->server->lock);
-    const bool own = v->answer_due;
-    char *text = message_control(k->shared, own ? v->id : k->by, own ? v->answer : k->request);
+    pthread_mutex_lock(&ws->server->lock);
+    const bool own = ws->answer_due;
+    char *text = message_control(k->shared, own ? ws->id : k->by, own ? ws->answer : k->request);
     /* His own answer is also the last word, unless somebody has spoken since. */
-    if (!own || (k->by == v->id && k->request == v->answer))
-        v->control_seen = k->version;
-    v->answer_due = false;
-    pthread_mutex_unlock(&v->server->lock);
+    if (!own || (k->by == ws->id && k->request == ws->answer))
+        ws->control_seen = k->version;
+    ws->answer_due = false;
+    pthread_mutex_unlock(&ws->server->lock);
     return text;
 }

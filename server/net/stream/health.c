@@ -35,7 +35,7 @@ void metrics_tick(struct server *s, int64_t now_us, int64_t every_us)
 
 void metrics_worked(struct server *s, int64_t begun_us)
 {
-    const int64_t took_us = viewer_now_us() - begun_us;
+    const int64_t took_us = stream_now_us() - begun_us;
 
     server_observe(s, SERVER_LOOP, 1e-6 * (double)took_us);
     if (took_us > atomic_load(&s->metrics.loop_most_us))
@@ -48,7 +48,7 @@ void server_health(struct server *s, struct server_health *out)
     const int64_t now_ms = clock_ms(), beat_ms = atomic_load(&m->beat_ms), worked_ms = atomic_load(&m->worked_ms);
     const char *reason = NULL;
 
-    out->loop_ms = (viewer_now_us() - atomic_load(&m->loop_us)) / 1000;
+    out->loop_ms = (stream_now_us() - atomic_load(&m->loop_us)) / 1000;
     out->beat_ms = beat_ms ? now_ms - beat_ms : -1;
     if (out->loop_ms >= SERVER_BEAT_MS)
         reason = "the network thread is late";

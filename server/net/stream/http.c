@@ -125,7 +125,7 @@ static bool is_origin(const char *text, size_t length)
 
 enum err embed_policy(const char *origins, char **out, struct reason *why)
 {
-    static const char nobody[] = POLICY "'none'";
+    const char *list = origins && origins[0] ? origins : "'none'";
     const char *at = origins ? origins : "";
 
     for (size_t length; *at; at += length + (at[length] == ',')) {
@@ -135,13 +135,11 @@ enum err embed_policy(const char *origins, char **out, struct reason *why)
                            "--embed-from %.*s: not an origin such as https://example.org or http://192.168.1.5:8000",
                            (int)length, at);
     }
-    if (!origins || !origins[0])
-        return admission_copy(out, nobody) ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory");
-    const size_t size = sizeof(POLICY) + strlen(origins);
+    const size_t size = sizeof(POLICY) + strlen(list);
     *out = mem_alloc(size, 1);
     if (!*out)
         return err_say(why, ERR_NOMEM, "out of memory");
-    snprintf(*out, size, "%s%s", POLICY, origins);
+    snprintf(*out, size, "%s%s", POLICY, list);
     for (char *c = *out + sizeof(POLICY) - 1; *c; c++)
         *c = *c == ',' ? ' ' : *c;
     return ERR_OK;
@@ -254,10 +252,10 @@ int http_refuse(struct server *s, struct lws *wsi, unsigned status, const char *
 static int answer_request(struct server *s, struct lws *wsi, struct http_session *h, const char *path)
 {
     const bool head = lws_hdr_total_length(wsi, WSI_TOKEN_HEAD_URI) > 0;
-    const struct guest *g = guest_of(wsi);
+    const struct connection *c = connection_of(wsi);
     char given[64];
 
-    if (!g || g->state == GUEST_LEAVING)
+    if (!c || c->state == CONNECTION_LEAVING)
         return -1;
     if (!http_host_ok(s, wsi))
         return http_refuse(s, wsi, 403, "This server does not answer to that Host name; see --public-name.\n");
@@ -304,10 +302,10 @@ static int send_more(struct lws *wsi, struct http_session *h)
 {
     uint8_t buffer[LWS_PRE + 16384];
     const size_t size = h->left < sizeof(buffer) - LWS_PRE ? h->left : sizeof(buffer) - LWS_PRE;
-    const struct guest *g = guest_of(wsi);
+    const struct connection *c = connection_of(wsi);
 
-    if (g && g->watcher)
-        return watcher_write(g->watcher);
+    if (c && c->watcher)
+        return watcher_write(c->watcher);
     if (h->left == 0)
         return 0;
     memcpy(buffer + LWS_PRE, h->bytes, size);
@@ -332,8 +330,8 @@ static int answer(struct lws *wsi, enum lws_callback_reasons reason, void *user,
     case LWS_CALLBACK_OPENSSL_LOAD_EXTRA_SERVER_VERIFY_CERTS: /* once, before listening; user is the SSL_CTX */
         tls_show(user, &s->tls);
         return tls_restrict(user) ? 0 : -1;
-    case LWS_CALLBACK_SERVER_NEW_CLIENT_INSTANTIATED: return guest_arrive(s, wsi);
-    case LWS_CALLBACK_WSI_DESTROY: guest_leave(s, wsi); return 0;
+    case LWS_CALLBACK_SERVER_NEW_CLIENT_INSTANTIATED: return connection_open(s, wsi);
+    case LWS_CALLBACK_WSI_DESTROY: connection_close(s, wsi); return 0;
     case LWS_CALLBACK_HTTP: return answer_request(s, wsi, user, in);
     case LWS_CALLBACK_HTTP_WRITEABLE: return send_more(wsi, user);
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION:
@@ -355,7 +353,7 @@ static int answer(struct lws *wsi, enum lws_callback_reasons reason, void *user,
 
 int http_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length)
 {
-    const int64_t begun_us = viewer_now_us();
+    const int64_t begun_us = stream_now_us();
     const int result = answer(wsi, reason, user, in, length);
 
     if (reason == LWS_CALLBACK_HTTP || reason == LWS_CALLBACK_HTTP_WRITEABLE)

@@ -28,8 +28,8 @@ enum sequence_stage {
     SEQUENCE_KEPT,
 };
 
-struct viewer;
-struct visitor;
+struct websocket;
+struct client;
 
 struct sequence {
     char name[PROTOCOL_NAME_MAX + 1]; /* "": free */
@@ -43,7 +43,7 @@ struct sequence {
         uint64_t number, picture; /* image: made of the frame; 0: it was refused */
     } fates[INGEST_FATES];        /* of the last frames, in a ring */
     unsigned fate_count;          /* so many frames had a fate */
-    struct sent_image *kept;         /* in SEQUENCE_KEPT */
+    struct sent_image *kept;      /* in SEQUENCE_KEPT */
     enum protocol_format format;  /* of its images; 0 before a recorder has subscribed */
     bool recording;               /* its recorder has subscribed */
     int64_t touched_us;           /* when a connection last came or went */
@@ -51,7 +51,7 @@ struct sequence {
     uint8_t owner[16];            /* address of its recorder, or else of who named it first */
 
     /* The service thread's own: who is connected. */
-    struct viewer *producer, *recorder;
+    struct websocket *producer, *recorder;
 };
 
 /* A complete frame. */
@@ -107,7 +107,7 @@ void ingest_finish(struct ingest *g);
 
 /* sequence.c: finds or creates the sequence, in place of one no longer needed, or of one that a recorder of an address
  * with many names waits for. by: the address that asks. NULL: all are in use. now_us: monotonic. */
-struct sequence *ingest_sequence(struct server *s, const char *name, const struct visitor *by, int64_t now_us);
+struct sequence *ingest_sequence(struct server *s, const char *name, const struct client *by, int64_t now_us);
 
 /* A producer connects (sequence NULL: live) or leaves. */
 void ingest_attach(struct server *s, uint64_t producer, struct sequence *sequence);

@@ -1,14 +1,12 @@
-/* Shared by the files of this room. The service thread owns all sockets and viewers; other threads access only what is
+/* Shared by the files of this room. The service thread owns all sockets; other threads access only what is
  * marked {lock} or atomic. */
 #pragma once
 
 #include "net/access/site.h"
 #include "net/access/tls.h"
-#include "net/access/visitors.h"
 #include "net/message/message.h"
 #include "net/stream/assembly.h"
 #include "net/stream/control.h"
-#include "net/stream/guests.h"
 #include "net/stream/ingest.h"
 #include "net/stream/limits.h"
 #include "net/stream/pixel_inspector.h"
@@ -50,23 +48,15 @@ enum {
 #define STREAM_BURST 200.0
 #define STREAM_RATE 300.0
 
-/* Rate limit of bytes beside messages (flood.c). */
-struct flood {
-    int64_t read, messages; /* bytes read at the start, and bytes of messages since */
-    int64_t beside;         /* the most that other bytes have been */
-    double left;            /* in the bucket */
-    int64_t refilled_us;
-};
-
-/* A connection, whatever its role. */
-struct viewer {
+/* A connection after the upgrade to WebSocket, whatever its role. */
+struct websocket {
     struct server *server;
-    struct viewer *next; /* in server->viewers */
+    struct websocket *next; /* in server->websockets */
     struct lws *wsi;
     uint64_t id; /* 1, 2, ... in the order of arrival */
-    char peer[VISITOR_NAME];
-    struct guest *guest;         /* its connection and address; NULL only until it is open */
-    int64_t opened_us, heard_us; /* when it connected, and when it last sent bytes */
+    char peer[CLIENT_NAME];
+    struct connection *connection; /* its place and client; NULL only until it is open */
+    int64_t opened_us, heard_us;   /* when it connected, and when it last sent bytes */
 
     bool greeted; /* hello was accepted */
     enum server_role role;
@@ -76,8 +66,8 @@ struct viewer {
     int64_t since_us;    /* when it last started or resumed watching */
 
     struct sent_image *current; /* being sent, or NULL */
-    bool repeated;           /* current is older than since_us */
-    size_t offset;           /* bytes of current handed to libwebsockets */
+    bool repeated;              /* current is older than since_us */
+    size_t offset;              /* bytes of current handed to libwebsockets */
     struct {
         uint64_t sequence;
         int64_t placed_us; /* monotonic */
@@ -118,8 +108,7 @@ struct viewer {
     char text[PROTOCOL_TEXT_MAX]; /* the message being received */
     size_t text_size;
     unsigned pieces;
-    double tokens; /* of the rate limit */
-    int64_t tokens_us;
+    struct bucket messages; /* rate limit of these */
     struct flood flood;
 
     uint8_t staging[LWS_PRE +
@@ -130,7 +119,7 @@ struct viewer {
 struct stream_counts {
     atomic_uint_fast64_t connections, open, refused, errors, sent, skipped, acked, bytes, stalled;
     atomic_uint_fast64_t frames_cut, frame_bytes;
-    atomic_uint_fast64_t crowded, wrong_tokens, too_fast;
+    atomic_uint_fast64_t wrong_tokens, too_fast;
 };
 
 struct server {
@@ -153,10 +142,8 @@ struct server {
     size_t max_frame_bytes;
     uint32_t frame_ms;
     uint16_t port;
-    uint32_t max_connections, max_per_address;
-    bool max_per_address_given; /* then loopback is limited too */
     bool behind_proxy;
-    char proxy[46]; /* its address as inet_ntop prints it; "": this machine's */
+    uint8_t proxies[2][16]; /* its addresses as IPv6: both that were given, or this machine's by IPv4 and IPv6 */
     uint32_t silent_s;
     char *public_names; /* further Host names to accept, separated by commas; or NULL */
     char *embed_policy; /* the content security policy of /embed */
@@ -167,12 +154,10 @@ struct server {
     bool running; /* the thread was started */
 
     /* The service thread's own. */
-    struct viewer *viewers;
-    struct watcher *watchers; /* of plain HTTP, the newest first */
-    struct viewer *producer;  /* NULL: none */
-    struct visitors visitors;
-    struct guests guests;
-    struct limit_count limits[LIMITS];
+    struct websocket *websockets;
+    struct watcher *watchers;   /* of plain HTTP, the newest first */
+    struct websocket *producer; /* NULL: none */
+    struct limits limits;
     uint64_t last_id;
     lws_sorted_usec_list_t tick;
     bool leaving; /* all clients were told */
@@ -185,19 +170,19 @@ struct server {
 
     pthread_mutex_t lock;
     struct sent_image *latest[STREAM_KINDS];               /* {lock} NULL before the first */
-    uint64_t issued[STREAM_KINDS];                      /* {lock} the last sequence number given */
-    uint64_t begun;                                     /* {lock} calls of server_begin_image */
+    uint64_t issued[STREAM_KINDS];                         /* {lock} the last sequence number given */
+    uint64_t begun;                                        /* {lock} calls of server_begin_image */
     struct sent_image *chain[SERVER_TRACKS][STREAM_CHAIN]; /* {lock} image n at n % STREAM_CHAIN; NULL: not kept */
-    uint32_t keys_wanted;                               /* {lock} bits 1 << track: a viewer needs a keyframe */
-    uint64_t published;                                 /* {lock} */
-    int64_t captured_us;                                /* {lock} of the last frame whose age was observed */
+    uint32_t keys_wanted;                                  /* {lock} bits 1 << track: a viewer needs a keyframe */
+    uint64_t published;                                    /* {lock} */
+    int64_t captured_us;                                   /* {lock} of the last frame whose age was observed */
     char *status;                /* {lock} the part of a status that all viewers share; NULL: figures have changed */
     struct server_demand demand; /* {lock} what viewers want; server_demand adds the rest */
     uint32_t users[SERVER_RENDITIONS]; /* {lock} watchers of each rendition */
     uint64_t last_serial;              /* {lock} of renditions */
     struct ingest ingest;              /* {lock} unless noted there */
     struct control control;            /* {lock} */
-    struct inspections inspections;              /* {lock} */
+    struct inspections inspections;    /* {lock} */
     struct server_figures figures;     /* {lock} */
     struct server *next;               /* {lock} the description from server_change; never runs */
 };
@@ -206,7 +191,7 @@ struct server {
 void image_stamp(struct sent_image *p, uint64_t sequence, uint64_t made, int64_t published_us, uint8_t flags);
 uint64_t image_made(const struct sent_image *p);                   /* server.begun when it was published */
 int image_rendition(const struct sent_image *p, uint64_t *serial); /* its slot; -1: none */
-int64_t image_placed_us(const struct sent_image *p);               /* when, by viewer_now_us */
+int64_t image_placed_us(const struct sent_image *p);               /* when, by stream_now_us */
 
 /* server.c: the kind of an image; {lock} the kind for a subscription: the largest size that fits. */
 unsigned image_kind(const struct sent_image *p);
@@ -228,18 +213,18 @@ struct sent_image *server_place(struct server *s, struct sent_image *p, uint8_t 
 
 /* chain.c: H.264 images, each of which needs the one before unless it is a keyframe. All {lock}. */
 void chain_place(struct server *s, struct sent_image *p); /* keeps it if watched, with a new reference */
-void chains_clear(struct server *s, uint32_t watched); /* drops the images of tracks not in `watched` */
+void chains_clear(struct server *s, uint32_t watched);    /* drops the images of tracks not in `watched` */
 /* The viewer's next image: the next of its chain, or else the newest keyframe. Not referenced; NULL: none. */
-struct sent_image *chain_next(const struct server *s, const struct viewer *v);
+struct sent_image *chain_next(const struct server *s, const struct websocket *ws);
 uint64_t chain_newest(struct server *s, unsigned track); /* the last sequence number; takes the lock itself */
 /* Whether p may begin before images under way are acknowledged. */
-bool chain_may_begin(const struct server *s, const struct viewer *v, const struct sent_image *p);
+bool chain_may_begin(const struct server *s, const struct websocket *ws, const struct sent_image *p);
 /* Requests a keyframe if the viewer cannot continue without one. */
-void chain_ask(struct server *s, const struct viewer *v);
+void chain_ask(struct server *s, const struct websocket *ws);
 
-/* http.c, viewer.c: the callbacks of libwebsockets. Thread: service. */
+/* http.c, websocket.c: the callbacks of libwebsockets. Thread: service. */
 int http_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length);
-int viewer_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length);
+int websocket_callback(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in, size_t length);
 
 /* One request. */
 struct http_session {
@@ -284,112 +269,85 @@ int http_respond_long(struct lws *wsi, struct http_session *h, const char *type,
 bool monitor_knows(const char *path);
 int monitor_answer(struct server *s, struct lws *wsi, struct http_session *h, const char *path, bool head);
 
-/* admission.c, any thread: copies, freed by mem_free. False, ERR_NOMEM: out of memory. ERR_USAGE: token too long or
- * empty; no message contains a token. A NULL token gives NULL. */
-bool admission_copy(char **out, const char *text);
-enum err admission_copy_token(const char *name, const char *token, char **out, struct reason *why);
-
-/* admission.c, thread: service. The address at the other end. NULL: the connection is gone, or there is no free row. */
-struct visitor *admission_peer(struct server *s, struct lws *wsi);
-/* Before the upgrade: behind a proxy, the connection counts for the client in X-Forwarded-For. False: bad header. */
-bool admission_forwarded(struct server *s, struct lws *wsi);
-/* Compares a token in constant time. LATER: not compared, because that address sent too many wrong ones. */
-enum admission {
-    ADMISSION_RIGHT,
-    ADMISSION_WRONG,
-    ADMISSION_LATER,
-};
-/* given: the client's, wanted: the role's; NULL: none. A wrong one counts against the address. */
-enum admission admission_token(struct server *s, struct lws *wsi, const char *given, const char *wanted);
-/* The same for a request's Authorization: Bearer, or Basic with the token as password. wanted NULL: right. */
-enum admission admission_header(struct server *s, struct lws *wsi, const char *wanted);
-
-/* viewer_send.c, thread: service. */
-static inline int64_t viewer_now_us(void)
+/* websocket_send.c, thread: service. */
+static inline int64_t stream_now_us(void)
 {
     return (int64_t)lws_now_usecs();
 }
-void viewer_request_write(struct viewer *v);     /* requests a write callback */
-void viewer_queue(struct viewer *v, char *text); /* queues a message, takes it over; NULL: nothing */
-void viewer_close(struct viewer *v, uint16_t code, const char *text); /* closes after the queued messages */
-void viewer_send_error(struct viewer *v, const struct fault *fault);  /* sends the error, and closes if it is fatal */
+void websocket_request_write(struct websocket *ws);     /* requests a write callback */
+void websocket_queue(struct websocket *ws, char *text); /* queues a message, takes it over; NULL: nothing */
+void websocket_close(struct websocket *ws, uint16_t code, const char *text); /* closes after the queued messages */
+void websocket_send_error(struct websocket *ws,
+                          const struct fault *fault); /* sends the error, and closes if it is fatal */
 /* The viewer's next image, not begun yet, as a new reference; NULL: none. */
-struct sent_image *viewer_next_image(struct viewer *v);
-/* Counts a message. Whether it is one too many: a token bucket of STREAM_BURST messages, refilled at STREAM_RATE per
- * second. */
-bool viewer_too_fast(struct viewer *v, int64_t now_us);
+struct sent_image *websocket_next_image(struct websocket *ws);
 /* When a viewer's next image is due after one at now_us that was due at due_us, at so many a second, 0 for any. A
  * delay below one interval is made up for, so that the average rate holds. */
-int64_t viewer_due(int64_t due_us, int64_t now_us, double rate);
+int64_t websocket_due(int64_t due_us, int64_t now_us, double rate);
 /* Whether an image may begin now. If only the viewer's rate forbids it, schedules a write for later. */
-bool viewer_may_begin(struct viewer *v);
-int viewer_write(struct viewer *v); /* one write; -1: close the connection */
+bool websocket_may_begin(struct websocket *ws);
+int websocket_write(struct websocket *ws); /* one write; -1: close the connection */
 
-/* viewer_receive.c, thread: service. Chooses the viewer's kind for its subscription and the present size. */
-void viewer_choose(struct viewer *v);
+/* websocket_receive.c, thread: service. Chooses the viewer's kind for its subscription and the present size. */
+void websocket_choose(struct websocket *ws);
 /* One piece of a message from the viewer. */
-void viewer_receive(struct viewer *v, const uint8_t *in, size_t length);
+void websocket_receive(struct websocket *ws, const uint8_t *in, size_t length);
 
 /* producer.c, thread: service. */
-void producer_hello(struct viewer *v, const struct message *m, struct welcome *w, struct fault *fault);
+void producer_hello(struct websocket *ws, const struct message *m, struct welcome *w, struct fault *fault);
 /* One piece of a binary message. */
-void producer_receive(struct viewer *v, const uint8_t *in, size_t length, size_t coming, bool last);
-void producer_tick(struct viewer *v, int64_t now_us);
-void producer_leave(struct viewer *v); /* closed or replaced: frees the frame being received */
-void producers_send(struct server *s); /* sends fates and credit that are due */
+void producer_receive(struct websocket *ws, const uint8_t *in, size_t length, size_t coming, bool last);
+void producer_tick(struct websocket *ws, int64_t now_us);
+void producer_leave(struct websocket *ws); /* closed or replaced: frees the frame being received */
+void producers_send(struct server *s);     /* sends fates and credit that are due */
 
 /* recorder.c, thread: service. A recorder is a viewer that gets every image of one lockstep sequence. */
-void recorder_hello(struct viewer *v, const struct message *m, struct welcome *w, struct fault *fault);
-bool recorder_subscribe(struct viewer *v, const struct message *m, struct fault *fault);
-/* received: the image was sent to v, and not acknowledged before. */
-void recorder_ack(struct viewer *v, const struct message *m, bool received, struct fault *fault);
-void recorder_send_end(struct viewer *v); /* sends the end of its sequence, if over */
-void recorder_leave(struct viewer *v);
-void recorder_displace(struct viewer *v); /* takes the name of its sequence, and closes it */
+void recorder_hello(struct websocket *ws, const struct message *m, struct welcome *w, struct fault *fault);
+bool recorder_subscribe(struct websocket *ws, const struct message *m, struct fault *fault);
+/* received: the image was sent to ws, and not acknowledged before. */
+void recorder_ack(struct websocket *ws, const struct message *m, bool received, struct fault *fault);
+void recorder_send_end(struct websocket *ws); /* sends the end of its sequence, if over */
+void recorder_leave(struct websocket *ws);
+void recorder_displace(struct websocket *ws); /* takes the name of its sequence, and closes it */
 
 /* control.c, thread: service. */
-void controls_tell(struct server *s);     /* sends answers */
-bool control_due(const struct viewer *v); /* whether v needs the present settings */
-char *control_text(struct viewer *v);     /* that message; NULL: out of memory */
+void controls_tell(struct server *s);         /* sends answers */
+bool control_due(const struct websocket *ws); /* whether ws needs the present settings */
+char *control_text(struct websocket *ws);     /* that message; NULL: out of memory */
 
 /* pixel_inspection.c, thread: service. */
-void inspect_take(struct viewer *v, const struct message *m, struct fault *fault); /* a question */
-void inspect_leave(struct viewer *v);                                              /* it is closed */
-void inspections_send(struct server *s);                                              /* sends answers */
-bool inspect_due(const struct viewer *v); /* whether v needs the radiance of its pixel */
-char *inspect_text(struct viewer *v);     /* that message; NULL: out of memory, or none */
+void inspect_take(struct websocket *ws, const struct message *m, struct fault *fault); /* a question */
+void inspect_leave(struct websocket *ws);                                              /* it is closed */
+void inspections_send(struct server *s);                                               /* sends answers */
+bool inspect_due(const struct websocket *ws); /* whether ws needs the radiance of its pixel */
+char *inspect_text(struct websocket *ws);     /* that message; NULL: out of memory, or none */
 
-/* flood.c, thread: service. Begins to count; a piece of a message was received; closes v if it sent too much else. */
-void flood_begin(struct viewer *v);
-void flood_add(struct viewer *v, size_t length);
-void flood_check(struct viewer *v);
-
-/* viewer.c, thread: service. Whether v may be a client; if not, it is told so and closed. */
-bool viewer_has_room(struct viewer *v);
-void viewers_wake(struct server *s);       /* new images or states: requests writes */
-void viewers_tick(struct server *s);       /* twice a second: statuses and time limits */
-void viewers_leave(struct server *s);      /* tells all clients that the server stops */
-void viewers_demand(struct server *s);     /* sums up what viewers want */
-void viewer_limit_unsent(struct lws *wsi); /* of a connection, to STREAM_UNSENT */
+/* websocket.c, thread: service. Whether ws may be admitted; if not, it is told so and closed. */
+bool websocket_has_room(struct websocket *ws);
+void websockets_wake(struct server *s);       /* new images or states: requests writes */
+void websockets_tick(struct server *s);       /* twice a second: statuses and time limits */
+void websockets_leave(struct server *s);      /* tells all clients that the server stops */
+void viewers_demand(struct server *s);        /* sums up what viewers want */
+void websocket_limit_unsent(struct lws *wsi); /* of a connection, to STREAM_UNSENT */
 
 /* A request for images by plain HTTP: for one, or for a stream. */
 struct watcher {
     struct server *server;
     struct watcher *next; /* in server->watchers */
     struct lws *wsi;
-    struct guest *guest;
-    char peer[VISITOR_NAME];
+    struct connection *connection;
+    char peer[CLIENT_NAME];
     const struct resource *resource;
     bool head;                  /* without a body */
     unsigned kind;              /* of images */
     uint64_t fresh;             /* older images (image_made) do not count */
     int64_t opened_us, sent_us; /* the latter: when the last image had been sent */
-    int64_t moved_us;           /* as in struct viewer */
+    int64_t moved_us;           /* as in struct websocket */
     bool waiting, answered, closing;
 
     struct sent_image *current; /* being sent, or NULL */
-    size_t offset;           /* bytes of it passed to libwebsockets */
-    bool again;              /* the same image is due again, for proxies that expect bytes */
+    size_t offset;              /* bytes of it passed to libwebsockets */
+    bool again;                 /* the same image is due again, for proxies that expect bytes */
     uint64_t begun, sent, skipped;
 };
 
@@ -402,7 +360,7 @@ int watcher_write(struct watcher *w);
 bool watcher_streams(const struct watcher *w);
 void watcher_close(struct watcher *w);   /* soon, by the server's own choice */
 void watcher_destroy(struct watcher *w); /* NULL is allowed */
-void watchers_wake(struct server *s);    /* as viewers_... */
+void watchers_wake(struct server *s);    /* as websockets_... */
 void watchers_tick(struct server *s);
 void watchers_demand(const struct server *s, struct server_demand *d); /* {lock} */
 

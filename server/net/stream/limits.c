@@ -1,9 +1,143 @@
 #include "net/stream/limits.h"
 
 #include "base/log.h"
-#include "net/stream/internal.h"
+#include "base/mem.h"
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <string.h>
 
 #define LOG_EVERY_US ((int64_t)60 * 1000000)
+
+static const uint8_t mapped[12] = { [10] = 0xff, [11] = 0xff }; /* ::ffff:0:0/96 holds IPv4 [RFC 4291, 2.5.5.2] */
+
+/* ---- Token buckets ---- */
+
+double bucket_fill(struct bucket *b, double most, double rate, int64_t now_us)
+{
+    const double left = b->left + (double)(now_us - b->at_us) * 1e-6 * rate;
+
+    b->left = b->at_us == 0 || left > most ? most : left;
+    b->at_us = now_us;
+    return b->left;
+}
+
+bool bucket_take(struct bucket *b, double most, double rate, int64_t now_us)
+{
+    if (bucket_fill(b, most, rate, now_us) < 1.0)
+        return false;
+    b->left -= 1.0;
+    return true;
+}
+
+/* ---- Clients ---- */
+
+bool limits_init(struct limits *l, uint32_t connections)
+{
+    l->count = connections + CLIENTS_REMEMBERED;
+    l->clients = mem_alloc(l->count, sizeof(*l->clients));
+    return l->clients != NULL;
+}
+
+void limits_finish(struct limits *l)
+{
+    mem_free(l->clients);
+    l->clients = NULL;
+    l->count = 0;
+}
+
+bool address_take(const struct sockaddr *address, uint8_t out[16])
+{
+    memcpy(out, mapped, sizeof(mapped));
+    if (address->sa_family == AF_INET)
+        memcpy(out + 12, &((const struct sockaddr_in *)(const void *)address)->sin_addr, 4);
+    else if (address->sa_family == AF_INET6)
+        memcpy(out, &((const struct sockaddr_in6 *)(const void *)address)->sin6_addr, 16);
+    return address->sa_family == AF_INET || address->sa_family == AF_INET6;
+}
+
+bool address_read(const char *text, uint8_t out[16])
+{
+    memcpy(out, mapped, sizeof(mapped));
+    return inet_pton(AF_INET, text, out + 12) == 1 || inet_pton(AF_INET6, text, out) == 1;
+}
+
+static bool is_ipv4(const uint8_t address[16])
+{
+    return memcmp(address, mapped, sizeof(mapped)) == 0;
+}
+
+struct client *client_find(struct limits *l, const uint8_t address[16], int64_t now_us)
+{
+    const bool four = is_ipv4(address);
+    struct client *take = NULL;
+    uint8_t wanted[16] = { 0 };
+
+    memcpy(wanted, address, four ? 16 : 8);
+    for (uint32_t i = 0; i < l->count; i++) {
+        struct client *c = &l->clients[i];
+        if (c->used && memcmp(c->address, wanted, sizeof(wanted)) == 0)
+            return c;
+        /* A free row, or else the one whose last guess is oldest. */
+        if (!take || (take->used && (!c->used || c->guesses.at_us < take->guesses.at_us)))
+            take = client_connections(c) == 0 ? c : take;
+    }
+    if (!take)
+        return NULL;
+    const bool loopback = four ? address[12] == 127 : memcmp(address, &in6addr_loopback, 16) == 0;
+    *take = (struct client){ .used = true, .loopback = loopback, .guesses = { CLIENT_GUESSES, now_us } };
+    memcpy(take->address, wanted, sizeof(wanted));
+    return take;
+}
+
+struct client *client_forwarded(struct limits *l, const char *header, int64_t now_us)
+{
+    const char *last = strrchr(header, ',');
+    char text[INET6_ADDRSTRLEN];
+    uint8_t address[16];
+
+    last = last ? last + 1 : header;
+    last += strspn(last, " \t");
+    const size_t length = strcspn(last, " \t");
+    if (length >= sizeof(text) || last[length + strspn(last + length, " \t")])
+        return NULL;
+    memcpy(text, last, length);
+    text[length] = 0;
+    struct client *c = address_read(text, address) ? client_find(l, address, now_us) : NULL;
+    if (c)
+        c->named = true;
+    return c;
+}
+
+char *client_name(const struct client *c, char out[CLIENT_NAME])
+{
+    const bool four = is_ipv4(c->address);
+
+    if (!inet_ntop(four ? AF_INET : AF_INET6, four ? c->address + 12 : c->address, out, CLIENT_NAME))
+        out[0] = 0;
+    return out;
+}
+
+uint32_t client_connections(const struct client *c)
+{
+    return c->connections[CONNECTION_ARRIVING] + c->connections[CONNECTION_ADMITTED] +
+           c->connections[CONNECTION_LEAVING];
+}
+
+bool client_may_guess(struct limits *l, struct client *c, int64_t now_us)
+{
+    return bucket_fill(&c->guesses, CLIENT_GUESSES, CLIENT_GUESSES_A_S, now_us) >= 1.0 &&
+           (!c->named || c->known || bucket_fill(&l->named_guesses, NAMED_GUESSES, NAMED_GUESSES_A_S, now_us) >= 1.0);
+}
+
+void client_guessed_wrong(struct limits *l, struct client *c, int64_t now_us)
+{
+    bucket_take(&c->guesses, CLIENT_GUESSES, CLIENT_GUESSES_A_S, now_us);
+    if (c->named)
+        bucket_take(&l->named_guesses, NAMED_GUESSES, NAMED_GUESSES_A_S, now_us);
+}
+
+/* ---- Reports ---- */
 
 static const struct {
     const char *name, *text;
@@ -20,26 +154,27 @@ const char *limit_name(enum limit limit)
     return limits[limit].name;
 }
 
-void limit_reached(struct server *s, enum limit limit, const struct visitor *v)
+void limit_reached(struct limits *l, enum limit limit, const struct client *c)
 {
-    struct limit_count *c = &s->limits[limit];
+    struct limit_count *count = &l->reached[limit];
 
-    c->reached++;
-    c->address[0] = '\0';
-    if (v)
-        visitor_name(v, c->address);
+    atomic_fetch_add(&count->reached, 1);
+    count->address[0] = '\0';
+    if (c)
+        client_name(c, count->address);
 }
 
-void limits_tick(struct server *s, int64_t now_us)
+void limits_tick(struct limits *l, int64_t now_us)
 {
     for (int k = 0; k < LIMITS; k++) {
-        struct limit_count *c = &s->limits[k];
+        struct limit_count *c = &l->reached[k];
+        const uint64_t reached = atomic_load(&c->reached);
 
-        if (c->reached == c->logged || (c->logged_us > 0 && now_us - c->logged_us < LOG_EVERY_US))
+        if (reached == c->logged || (c->logged_us > 0 && now_us - c->logged_us < LOG_EVERY_US))
             continue;
-        log_warning("%s: %llu times, last because of %s", limits[k].text, (unsigned long long)(c->reached - c->logged),
+        log_warning("%s: %llu times, last because of %s", limits[k].text, (unsigned long long)(reached - c->logged),
                     c->address[0] ? c->address : "an unknown address");
-        c->logged = c->reached;
+        c->logged = reached;
         c->logged_us = now_us;
     }
 }

@@ -32,24 +32,22 @@ static int answer_health(struct server *s, struct lws *wsi, const char *path, bo
 }
 
 /* A request that a proxy forwards is not local, although the proxy is. */
-static enum admission admit(struct server *s, struct lws *wsi)
+static enum token_check admit(struct server *s, struct lws *wsi)
 {
     const bool near = s->loopback && lws_hdr_total_length(wsi, WSI_TOKEN_X_FORWARDED_FOR) == 0;
     const char *wanted = s->token_metrics ? s->token_metrics : near ? NULL : s->tokens[SERVER_VIEWER];
 
-    if (!wanted)
-        return ADMISSION_RIGHT;
-    return admission_forwarded(s, wsi) ? admission_header(s, wsi, wanted) : ADMISSION_WRONG;
+    return !wanted || connection_forwarded(s, wsi) ? token_check_header(s, wsi, wanted) : TOKEN_WRONG;
 }
 
 static int answer_metrics(struct server *s, struct lws *wsi, struct http_session *h, bool head)
 {
     size_t size = 0;
 
-    const enum admission may = admit(s, wsi);
-    if (may == ADMISSION_LATER)
+    const enum token_check may = admit(s, wsi);
+    if (may == TOKEN_LATER)
         return http_refuse(s, wsi, 429, "Too many wrong tokens came from this address.\n");
-    if (may == ADMISSION_WRONG)
+    if (may == TOKEN_WRONG)
         return http_refuse(s, wsi, 401, "/metrics needs the header Authorization: Bearer TOKEN.\n");
     char *text = metrics_text(s, &size);
     if (!text)

@@ -51,23 +51,14 @@ static bool follow(struct server *s, const struct server_inspection *asked)
 /* {lock} Rate limit: a token bucket. Questions about the sky alone are free, since all share one answer. */
 static bool may_ask(struct inspections *p, bool sky_alone)
 {
-    const int64_t now = viewer_now_us();
-
-    if (sky_alone)
-        return p->waiting_count < INSPECTIONS_WAITING;
-    p->tokens = p->tokens_us ? p->tokens + (double)(now - p->tokens_us) * 1e-6 * INSPECTIONS_RATE : INSPECTIONS_BURST;
-    p->tokens = p->tokens < INSPECTIONS_BURST ? p->tokens : INSPECTIONS_BURST;
-    p->tokens_us = now;
-    if (p->tokens < 1.0 || p->waiting_count == INSPECTIONS_WAITING)
-        return false;
-    p->tokens -= 1.0;
-    return true;
+    return p->waiting_count < INSPECTIONS_WAITING &&
+           (sky_alone || bucket_take(&p->questions, INSPECTIONS_BURST, INSPECTIONS_RATE, stream_now_us()));
 }
 
 /* Sets *fault if the question cannot be asked now. */
-static void check(const struct viewer *v, const struct server_inspection *q, struct fault *fault)
+static void check(const struct websocket *ws, const struct server_inspection *q, struct fault *fault)
 {
-    struct server *s = v->server;
+    struct server *s = ws->server;
 
     pthread_mutex_lock(&s->lock);
     const uint32_t width = s->figures.width, height = s->figures.height;
@@ -77,58 +68,58 @@ static void check(const struct viewer *v, const struct server_inspection *q, str
         fault_say(fault, FAULT_NOT_OFFERED, "4.15.7", "there is no image yet");
     else if (width && height && (q->x >= width || q->y >= height))
         fault_say(fault, FAULT_BAD_FIELD, "4.15.2", "x and y must lie in the image of %ux%u", width, height);
-    else if (q->sky_alone ? v->asking_sky : v->probing)
+    else if (q->sky_alone ? ws->asking_sky : ws->probing)
         fault_say(fault, FAULT_BUSY, "4.15.6", "the previous question has no answer yet");
 }
 
-static void ask(struct viewer *v, const struct server_inspection *q, struct fault *fault)
+static void ask(struct websocket *ws, const struct server_inspection *q, struct fault *fault)
 {
-    struct inspections *p = &v->server->inspections;
+    struct inspections *p = &ws->server->inspections;
 
-    pthread_mutex_lock(&v->server->lock);
+    pthread_mutex_lock(&ws->server->lock);
     const bool may = may_ask(p, q->sky_alone);
     if (may)
         p->waiting[p->waiting_count++] = *q;
-    pthread_mutex_unlock(&v->server->lock);
+    pthread_mutex_unlock(&ws->server->lock);
     if (!may) {
         fault_say(fault, FAULT_BUSY, "4.15.6", "too many questions; the limit is %g per second", INSPECTIONS_RATE);
         return;
     }
-    *(q->sky_alone ? &v->asking_sky : &v->probing) = true;
-    if (v->server->new_work)
-        atomic_store(v->server->new_work, true);
+    *(q->sky_alone ? &ws->asking_sky : &ws->probing) = true;
+    if (ws->server->new_work)
+        atomic_store(ws->server->new_work, true);
 }
 
-void inspect_take(struct viewer *v, const struct message *m, struct fault *fault)
+void inspect_take(struct websocket *ws, const struct message *m, struct fault *fault)
 {
     struct server_inspection q = m->inspection.question;
 
-    q.by = v->id;
+    q.by = ws->id;
     if (m->inspection.asks) {
-        check(v, &q, fault);
+        check(ws, &q, fault);
         if (!fault->code)
-            ask(v, &q, fault);
-        if (!fault->code && m->inspection.has_follow && m->inspection.follow && !follow(v->server, &q))
+            ask(ws, &q, fault);
+        if (!fault->code && m->inspection.has_follow && m->inspection.follow && !follow(ws->server, &q))
             fault_say(fault, FAULT_BUSY, "4.15.5", "%d pixels are followed already", SERVER_FOLLOWED_MAX);
     }
     if (!fault->code && m->inspection.has_follow && !m->inspection.follow)
-        unfollow(v->server, v->id);
+        unfollow(ws->server, ws->id);
     fault->stays = fault->has_request = true;
     fault->request = q.request;
 }
 
-void inspect_leave(struct viewer *v)
+void inspect_leave(struct websocket *ws)
 {
-    struct inspections *p = &v->server->inspections;
+    struct inspections *p = &ws->server->inspections;
     unsigned kept = 0;
 
-    unfollow(v->server, v->id);
-    pthread_mutex_lock(&v->server->lock);
+    unfollow(ws->server, ws->id);
+    pthread_mutex_lock(&ws->server->lock);
     for (unsigned i = 0; i < p->waiting_count; i++)
-        if (p->waiting[i].by != v->id)
+        if (p->waiting[i].by != ws->id)
             p->waiting[kept++] = p->waiting[i];
     p->waiting_count = kept;
-    pthread_mutex_unlock(&v->server->lock);
+    pthread_mutex_unlock(&ws->server->lock);
 }
 
 /* ---- Any thread: the side that computes ---- */
@@ -207,50 +198,50 @@ void inspections_send(struct server *s)
     s->inspections.answer_count = 0;
     pthread_mutex_unlock(&s->lock);
     for (unsigned i = 0; i < count; i++) {
-        struct viewer *v = s->viewers;
-        while (v && v->id != answers[i].by)
-            v = v->next;
-        if (!v) {
+        struct websocket *ws = s->websockets;
+        while (ws && ws->id != answers[i].by)
+            ws = ws->next;
+        if (!ws) {
             message_free(answers[i].text);
             continue;
         }
-        *(answers[i].sky_alone ? &v->asking_sky : &v->probing) = false;
+        *(answers[i].sky_alone ? &ws->asking_sky : &ws->probing) = false;
         if (answers[i].text) {
-            viewer_queue(v, answers[i].text);
+            websocket_queue(ws, answers[i].text);
         } else {
             struct fault fault;
             fault_say(&fault, FAULT_NOT_OFFERED, "4.15.7", "%s", answers[i].error);
             fault.has_request = true;
             fault.request = answers[i].request;
-            viewer_send_error(v, &fault);
+            websocket_send_error(ws, &fault);
         }
     }
 }
 
-bool inspect_due(const struct viewer *v)
+bool inspect_due(const struct websocket *ws)
 {
-    const struct inspections *p = &v->server->inspections;
+    const struct inspections *p = &ws->server->inspections;
 
-    if (!v->greeted)
+    if (!ws->greeted)
         return false;
-    pthread_mutex_lock(&v->server->lock);
-    const unsigned i = find_followed(p, v->id);
+    pthread_mutex_lock(&ws->server->lock);
+    const unsigned i = find_followed(p, ws->id);
     const bool due = i < p->followed_count && p->followed[i].due;
-    pthread_mutex_unlock(&v->server->lock);
+    pthread_mutex_unlock(&ws->server->lock);
     return due;
 }
 
-char *inspect_text(struct viewer *v)
+char *inspect_text(struct websocket *ws)
 {
-    struct inspections *p = &v->server->inspections;
+    struct inspections *p = &ws->server->inspections;
     char *text = NULL;
 
-    pthread_mutex_lock(&v->server->lock);
-    const unsigned i = find_followed(p, v->id);
+    pthread_mutex_lock(&ws->server->lock);
+    const unsigned i = find_followed(p, ws->id);
     if (i < p->followed_count) {
         text = message_radiance(&p->followed[i].pixel, &p->followed[i].radiance);
         p->followed[i].due = false;
     }
-    pthread_mutex_unlock(&v->server->lock);
+    pthread_mutex_unlock(&ws->server->lock);
     return text;
 }

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "base/err.h"
+#include "net/stream/limits.h"
 #include "net/stream/server.h"
 
 #define INSPECTIONS_WAITING 8
@@ -30,8 +31,7 @@ struct inspections {
     unsigned answer_count;
     struct inspect_followed followed[SERVER_FOLLOWED_MAX];
     unsigned followed_count;
-    double tokens;
-    int64_t tokens_us; /* 0: never used */
+    struct bucket questions;
 };
 
 /* Frees the unsent answers; zeroed memory is allowed. Thread: the owner's, when no other thread uses p. */

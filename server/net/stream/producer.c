@@ -7,28 +7,28 @@
 #include <string.h>
 
 /* Whether a new producer may replace this one: it makes the same sequence (a reconnect), or this one is silent. */
-static bool may_replace(const struct viewer *old, const struct sequence *wanted, int64_t now_us)
+static bool may_replace(const struct websocket *old, const struct sequence *wanted, int64_t now_us)
 {
     return (wanted && old->sequence == wanted) || now_us - old->heard_us > STREAM_SILENT_US;
 }
 
-static void replace(struct viewer *old)
+static void replace(struct websocket *old)
 {
     struct fault fault;
 
     producer_leave(old);
     fault_say(&fault, FAULT_SUPERSEDED, "4.1.7", "another producer has taken over");
-    viewer_send_error(old, &fault);
+    websocket_send_error(old, &fault);
 }
 
-void producer_hello(struct viewer *v, const struct message *m, struct welcome *w, struct fault *fault)
+void producer_hello(struct websocket *ws, const struct message *m, struct welcome *w, struct fault *fault)
 {
-    struct server *s = v->server;
-    const int64_t now = viewer_now_us();
+    struct server *s = ws->server;
+    const int64_t now = stream_now_us();
     struct sequence *q = NULL;
 
     if (m->hello.lockstep) {
-        q = ingest_sequence(s, m->hello.sequence, v->guest->visitor, now);
+        q = ingest_sequence(s, m->hello.sequence, ws->connection->client, now);
         if (!q) {
             fault_say(fault, FAULT_BUSY, "4.1.5", "all %d sequences are in use", INGEST_SEQUENCES);
             return;
@@ -40,49 +40,49 @@ void producer_hello(struct viewer *v, const struct message *m, struct welcome *w
     }
     if (s->producer)
         replace(s->producer);
-    s->producer = v;
-    v->producing = true;
-    v->sequence = q;
-    v->assembly.limit = s->max_frame_bytes;
+    s->producer = ws;
+    ws->producing = true;
+    ws->sequence = q;
+    ws->assembly.limit = s->max_frame_bytes;
     if (q)
-        q->producer = v;
-    ingest_attach(s, v->id, q);
-    v->credit = !q ? INGEST_CREDIT : ingest_may_grant(s, q) ? 1 : 0;
+        q->producer = ws;
+    ingest_attach(s, ws->id, q);
+    ws->credit = !q ? INGEST_CREDIT : ingest_may_grant(s, q) ? 1 : 0;
     w->producer = true;
     w->has_after = q && q->has_accepted; /* this thread alone accepts: no lock */
     w->after = q ? q->accepted : 0;
-    w->credit = v->credit;
+    w->credit = ws->credit;
     w->frame_bytes = s->max_frame_bytes;
-    log_debug("%s: a producer, %s%s", v->peer, q ? "lockstep, sequence " : "live", q ? q->name : "");
+    log_debug("%s: a producer, %s%s", ws->peer, q ? "lockstep, sequence " : "live", q ? q->name : "");
 }
 
-void producer_leave(struct viewer *v)
+void producer_leave(struct websocket *ws)
 {
-    struct server *s = v->server;
+    struct server *s = ws->server;
 
-    if (v->assembly.under_way)
+    if (ws->assembly.under_way)
         atomic_fetch_add(&s->counts.frames_cut, 1);
-    assembly_finish(&v->assembly);
-    lws_sul_cancel(&v->grant);
-    if (!v->producing)
+    assembly_finish(&ws->assembly);
+    lws_sul_cancel(&ws->grant);
+    if (!ws->producing)
         return;
-    v->producing = false;
+    ws->producing = false;
     s->producer = NULL;
-    if (v->sequence) {
-        v->sequence->producer = NULL;
-        v->sequence->touched_us = viewer_now_us();
-        v->sequence = NULL;
+    if (ws->sequence) {
+        ws->sequence->producer = NULL;
+        ws->sequence->touched_us = stream_now_us();
+        ws->sequence = NULL;
     }
-    ingest_detach(s, v->id);
+    ingest_detach(s, ws->id);
 }
 
 /* A malformed frame closes the connection, because the start of the next one cannot be found. */
-static void give_up(struct viewer *v, const struct fault *fault)
+static void give_up(struct websocket *ws, const struct fault *fault)
 {
-    atomic_fetch_add(&v->server->counts.frames_cut, 1);
-    v->assembly.under_way = false;
-    viewer_send_error(v, fault);
-    producer_leave(v);
+    atomic_fetch_add(&ws->server->counts.frames_cut, 1);
+    ws->assembly.under_way = false;
+    websocket_send_error(ws, fault);
+    producer_leave(ws);
 }
 
 /* Formats that are not accepted from the network. */
@@ -108,73 +108,73 @@ static enum fault_code inspect(const struct assembly *a, struct fault *fault)
     return fault->code;
 }
 
-static void deliver(struct viewer *v)
+static void deliver(struct websocket *ws)
 {
     struct fault fault;
-    const bool refused = inspect(&v->assembly, &fault) != FAULT_NONE;
+    const bool refused = inspect(&ws->assembly, &fault) != FAULT_NONE;
 
-    v->assembly.whole = false;
-    ingest_deliver(v->server, &v->assembly, v->id, v->peer, v->sequence, refused ? &fault : NULL);
-    producers_send(v->server);
+    ws->assembly.whole = false;
+    ingest_deliver(ws->server, &ws->assembly, ws->id, ws->peer, ws->sequence, refused ? &fault : NULL);
+    producers_send(ws->server);
 }
 
-void producer_receive(struct viewer *v, const uint8_t *in, size_t length, size_t coming, bool last)
+void producer_receive(struct websocket *ws, const uint8_t *in, size_t length, size_t coming, bool last)
 {
     struct fault fault;
 
-    atomic_fetch_add(&v->server->counts.frame_bytes, length);
-    if (!v->assembly.under_way) {
-        if (v->credit == 0) {
+    atomic_fetch_add(&ws->server->counts.frame_bytes, length);
+    if (!ws->assembly.under_way) {
+        if (ws->credit == 0) {
             fault_say(&fault, FAULT_NO_CREDIT, "5.7", "a frame was sent without credit for it");
-            give_up(v, &fault);
+            give_up(ws, &fault);
             return;
         }
-        v->credit--;
-        v->frame_us = viewer_now_us();
-        if (!v->assembly.payload.bytes)
-            ingest_spare(v->server, &v->assembly.payload);
+        ws->credit--;
+        ws->frame_us = stream_now_us();
+        if (!ws->assembly.payload.bytes)
+            ingest_spare(ws->server, &ws->assembly.payload);
     }
-    if (assembly_add(&v->assembly, in, length, coming, last, &fault))
-        give_up(v, &fault);
-    else if (v->assembly.whole)
-        deliver(v);
+    if (assembly_add(&ws->assembly, in, length, coming, last, &fault))
+        give_up(ws, &fault);
+    else if (ws->assembly.whole)
+        deliver(ws);
 }
 
-void producer_tick(struct viewer *v, int64_t now_us)
+void producer_tick(struct websocket *ws, int64_t now_us)
 {
     struct fault fault;
 
-    if (!v->assembly.under_way || now_us - v->frame_us <= (int64_t)v->server->frame_ms * 1000)
+    if (!ws->assembly.under_way || now_us - ws->frame_us <= (int64_t)ws->server->frame_ms * 1000)
         return;
-    fault_say(&fault, FAULT_TOO_SLOW, "7.9", "a frame was not complete after %g s", v->server->frame_ms / 1000.0);
-    give_up(v, &fault);
+    fault_say(&fault, FAULT_TOO_SLOW, "7.9", "a frame was not complete after %g s", ws->server->frame_ms / 1000.0);
+    give_up(ws, &fault);
 }
 
 static void grant_later(lws_sorted_usec_list_t *sul)
 {
-    producers_send(lws_container_of(sul, struct viewer, grant)->server);
+    producers_send(lws_container_of(sul, struct websocket, grant)->server);
 }
 
 /* Grants the producer the credit that is due, at limited rate. */
-static void grant(struct viewer *v)
+static void grant(struct websocket *ws)
 {
-    struct server *s = v->server;
-    const int64_t wait = v->granted_us + STREAM_GRANT_US - viewer_now_us();
+    struct server *s = ws->server;
+    const int64_t wait = ws->granted_us + STREAM_GRANT_US - stream_now_us();
     uint32_t frames;
 
-    if (!v->sequence && wait > 0) {
-        lws_sul_schedule(s->context, 0, &v->grant, grant_later, wait);
+    if (!ws->sequence && wait > 0) {
+        lws_sul_schedule(s->context, 0, &ws->grant, grant_later, wait);
         return;
     }
-    if (v->sequence)
-        frames = v->credit == 0 && !v->assembly.under_way && ingest_may_grant(s, v->sequence) ? 1 : 0;
+    if (ws->sequence)
+        frames = ws->credit == 0 && !ws->assembly.under_way && ingest_may_grant(s, ws->sequence) ? 1 : 0;
     else
         frames = ingest_returned(s);
     if (frames == 0)
         return;
-    v->granted_us = viewer_now_us();
-    v->credit += frames;
-    viewer_queue(v, message_credit(frames));
+    ws->granted_us = stream_now_us();
+    ws->credit += frames;
+    websocket_queue(ws, message_credit(frames));
 }
 
 void producers_send(struct server *s)
@@ -184,10 +184,10 @@ void producers_send(struct server *s)
 
     for (unsigned i = 0; i < count; i++) {
         const struct note *n = &notes[i];
-        struct viewer *v = s->producer;
+        struct websocket *ws = s->producer;
         /* The fate of a lockstep frame goes to the present producer of that sequence. */
-        if (v && (n->sequence ? n->sequence == v->sequence : n->producer == v->id))
-            viewer_queue(v, message_fate(n->number, n->fate, n->picture, &n->fault));
+        if (ws && (n->sequence ? n->sequence == ws->sequence : n->producer == ws->id))
+            websocket_queue(ws, message_fate(n->number, n->fate, n->picture, &n->fault));
     }
     if (s->producer && !s->producer->close_code)
         grant(s->producer);

@@ -147,8 +147,8 @@ struct snapshot {
     double loop_most_s, loop_late_s;
     /* Connections by role; the last: no hello yet. Subscriptions by kind of image. */
     uint32_t role[SERVER_ROLES + 1], kind[METRICS_KINDS], paused, recorders, outbox, unacked, sending, max_connections;
-    uint32_t arriving;                 /* connections before hello */
-    uint32_t snapshots, streams;       /* requests for images by plain HTTP */
+    uint32_t arriving;                      /* connections before hello */
+    uint32_t snapshots, streams;            /* requests for images by plain HTTP */
     uint32_t pushed, controls, inspections; /* waiting for a thread */
     double processor_s, resident_bytes, virtual_bytes, started_s, threads, open_files, most_files;
 };
@@ -234,16 +234,16 @@ static const struct figure table[] = {
 /* {lock} */
 static void count_connections(struct server *s, struct snapshot *n)
 {
-    for (const struct viewer *v = s->viewers; v; v = v->next) {
-        n->role[v->greeted ? v->role : SERVER_ROLES]++;
-        n->outbox += v->outbox_count;
-        n->unacked += v->unacked_count;
-        n->sending += v->current != NULL;
-        n->recorders += v->recorder;
-        if (v->subscribed && v->wish.subscribe.paused)
+    for (const struct websocket *ws = s->websockets; ws; ws = ws->next) {
+        n->role[ws->greeted ? ws->role : SERVER_ROLES]++;
+        n->outbox += ws->outbox_count;
+        n->unacked += ws->unacked_count;
+        n->sending += ws->current != NULL;
+        n->recorders += ws->recorder;
+        if (ws->subscribed && ws->wish.subscribe.paused)
             n->paused++;
-        else if (v->subscribed)
-            n->kind[metrics_kind(v->kind)]++;
+        else if (ws->subscribed)
+            n->kind[metrics_kind(ws->kind)]++;
     }
     for (const struct watcher *w = s->watchers; w; w = w->next) {
         n->kind[metrics_kind(w->kind)]++;
@@ -282,8 +282,8 @@ static void take_snapshot(struct server *s, struct snapshot *n)
     n->scrapes = load(&m->scrapes);
     n->loop_most_s = 1e-6 * (double)atomic_load(&m->loop_most_us);
     n->loop_late_s = 1e-6 * (double)atomic_load(&m->loop_late_us);
-    n->max_connections = s->max_connections;
-    n->arriving = s->guests.arriving;
+    n->max_connections = s->limits.most_admitted;
+    n->arriving = s->limits.connections[CONNECTION_ARRIVING];
     pthread_mutex_lock(&s->lock);
     count_connections(s, n);
     n->figures = s->figures;
@@ -303,7 +303,7 @@ static void print_kinds(struct text *t, const struct server *s, const struct sna
     head(t, "relightd_limits_reached_total", "How often a limit for clients was reached.");
     for (int k = 0; k < LIMITS; k++)
         text_add(t, "relightd_limits_reached_total{limit=\"%s\"} %llu\n", limit_name((enum limit)k),
-                 (unsigned long long)s->limits[k].reached);
+                 (unsigned long long)atomic_load(&s->limits.reached[k].reached));
     head(t, "relightd_protocol_errors_total", "Protocol errors of clients, by the error code of PROTOCOL.md 8.");
     for (int f = FAULT_NONE + 1; f < FAULT_CODES; f++)
         text_add(t, "relightd_protocol_errors_total{code=\"%s\"} %llu\n", fault_name((enum fault_code)f),

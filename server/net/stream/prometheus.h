@@ -26,7 +26,7 @@ struct metrics {
     atomic_uint_fast64_t skipped_slow, skipped_rate; /* because a viewer was slow, or limits its rate */
     atomic_uint_fast64_t scrapes;
 
-    atomic_int_fast64_t loop_us;      /* last tick of the service thread (viewer_now_us) */
+    atomic_int_fast64_t loop_us;      /* last tick of the service thread (stream_now_us) */
     atomic_int_fast64_t loop_most_us; /* its longest piece of work */
     atomic_int_fast64_t loop_late_us; /* the longest delay of its tick */
     int64_t tick_due_us;              /* private to the service thread */

@@ -6,102 +6,102 @@
 #include <string.h>
 #include <sys/socket.h>
 
-void recorder_leave(struct viewer *v)
+void recorder_leave(struct websocket *ws)
 {
-    struct server *s = v->server;
-    struct sequence *q = v->sequence;
+    struct server *s = ws->server;
+    struct sequence *q = ws->sequence;
 
-    if (!v->recorder || !q)
+    if (!ws->recorder || !q)
         return;
-    v->sequence = NULL;
+    ws->sequence = NULL;
     q->recorder = NULL;
-    q->touched_us = q->left_us = viewer_now_us();
+    q->touched_us = q->left_us = stream_now_us();
     pthread_mutex_lock(&s->lock);
     q->recording = false;
     pthread_mutex_unlock(&s->lock);
 }
 
 /* The recorder's connection has ended, but the service thread has not come to it yet. */
-static bool has_gone(const struct viewer *v)
+static bool has_gone(const struct websocket *ws)
 {
     char byte;
-    const ssize_t n = recv(lws_get_socket_fd(v->wsi), &byte, 1, MSG_PEEK | MSG_DONTWAIT);
+    const ssize_t n = recv(lws_get_socket_fd(ws->wsi), &byte, 1, MSG_PEEK | MSG_DONTWAIT);
 
-    return v->close_code || n == 0 || (n < 0 && errno != EAGAIN && errno != EINTR);
+    return ws->close_code || n == 0 || (n < 0 && errno != EAGAIN && errno != EINTR);
 }
 
 /* Whether another recorder has the name, or had it a moment ago and may return. */
-static bool is_held(const struct sequence *q, const struct visitor *by)
+static bool is_held(const struct sequence *q, const struct client *by)
 {
     if (q->recorder)
         return !has_gone(q->recorder);
     return q->left_us > 0 && memcmp(q->owner, by->address, sizeof(q->owner)) != 0 &&
-           viewer_now_us() - q->left_us < STREAM_ABSENT_US;
+           stream_now_us() - q->left_us < STREAM_ABSENT_US;
 }
 
-void recorder_displace(struct viewer *v)
+void recorder_displace(struct websocket *ws)
 {
     struct fault fault;
 
-    recorder_leave(v);
+    recorder_leave(ws);
     fault_say(&fault, FAULT_BUSY, "4.1.6", "all %d names are in use, and its address had most of them",
               INGEST_SEQUENCES);
-    viewer_send_error(v, &fault);
+    websocket_send_error(ws, &fault);
 }
 
-void recorder_hello(struct viewer *v, const struct message *m, struct welcome *w, struct fault *fault)
+void recorder_hello(struct websocket *ws, const struct message *m, struct welcome *w, struct fault *fault)
 {
-    struct server *s = v->server;
-    struct sequence *q = ingest_sequence(s, m->hello.recorder, v->guest->visitor, viewer_now_us());
+    struct server *s = ws->server;
+    struct sequence *q = ingest_sequence(s, m->hello.recorder, ws->connection->client, stream_now_us());
 
     if (!q) {
         fault_say(fault, FAULT_BUSY, "4.1.6", "all %d sequences are in use", INGEST_SEQUENCES);
         return;
     }
-    if (is_held(q, v->guest->visitor)) {
+    if (is_held(q, ws->connection->client)) {
         fault_say(fault, FAULT_BUSY, "4.1.6", "sequence %s has a recorder", q->name);
         return;
     }
     if (q->recorder)
         recorder_leave(q->recorder);
-    v->recorder = true;
-    v->sequence = q;
-    q->recorder = v;
-    memcpy(q->owner, v->guest->visitor->address, sizeof(q->owner));
+    ws->recorder = true;
+    ws->sequence = q;
+    q->recorder = ws;
+    memcpy(q->owner, ws->connection->client->address, sizeof(q->owner));
     w->recorder = true;
     w->has_after = q->has_stored; /* this thread alone hears of it: no lock */
     w->after = q->stored;
-    log_debug("%s: the recorder of sequence %s", v->peer, q->name);
+    log_debug("%s: the recorder of sequence %s", ws->peer, q->name);
 }
 
-bool recorder_subscribe(struct viewer *v, const struct message *m, struct fault *fault)
+bool recorder_subscribe(struct websocket *ws, const struct message *m, struct fault *fault)
 {
-    if (v->sequence && ingest_record(v->server, v->sequence, m->subscribe.format))
+    if (ws->sequence && ingest_record(ws->server, ws->sequence, m->subscribe.format))
         return true;
     fault_say(fault, FAULT_NOT_OFFERED, "4.3.6", "a frame of another format is under way");
     return false;
 }
 
-void recorder_ack(struct viewer *v, const struct message *m, bool received, struct fault *fault)
+void recorder_ack(struct websocket *ws, const struct message *m, bool received, struct fault *fault)
 {
     if (!m->ack.stored) {
         fault_say(fault, FAULT_BAD_FIELD, "4.5.3", "a recorder acknowledges with \"stored\":true");
         return;
     }
-    if (!received || !v->sequence || !ingest_stored(v->server, v->sequence, m->ack.sequence))
+    if (!received || !ws->sequence || !ingest_stored(ws->server, ws->sequence, m->ack.sequence))
         return;
-    producers_send(v->server);
-    recorder_send_end(v);
+    producers_send(ws->server);
+    recorder_send_end(ws);
 }
 
-void recorder_send_end(struct viewer *v)
+void recorder_send_end(struct websocket *ws)
 {
     uint64_t stored;
 
-    if (!v->recorder || !v->sequence)
+    if (!ws->recorder || !ws->sequence)
         return;
-    const bool over = ingest_is_over(v->server, v->sequence, &stored);
-    if (over && !v->sent_end)
-        viewer_queue(v, message_sequence(v->sequence->name, stored));
-    v->sent_end = over;
+    const bool over = ingest_is_over(ws->server, ws->sequence, &stored);
+    if (over && !ws->sent_end)
+        websocket_queue(ws, message_sequence(ws->sequence->name, stored));
+    ws->sent_end = over;
 }

@@ -92,7 +92,7 @@ void image_stamp(struct sent_image *p, uint64_t sequence, uint64_t made, int64_t
     p->header.sequence = sequence;
     p->made = made;
     p->header.published_us = published_us;
-    p->placed_us = viewer_now_us();
+    p->placed_us = stream_now_us();
     p->header.flags |= flags;
     protocol_picture_encode(&p->header, p->message);
 }

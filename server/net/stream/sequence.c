@@ -53,11 +53,11 @@ static unsigned names_of(const struct ingest *g, const uint8_t address[16])
 
 /* Takes the name of a recorder that waits for a first frame, whose address has most names and at least two more than
  * `by`. */
-static void take_back(struct server *s, const struct visitor *by)
+static void take_back(struct server *s, const struct client *by)
 {
     struct ingest *g = &s->ingest;
     unsigned most = names_of(g, by->address) + 1;
-    struct viewer *out = NULL;
+    struct websocket *out = NULL;
 
     for (int i = 0; i < INGEST_SEQUENCES; i++) {
         const struct sequence *q = &g->sequences[i];
@@ -66,12 +66,12 @@ static void take_back(struct server *s, const struct visitor *by)
             out = q->recorder;
         }
     }
-    limit_reached(s, LIMIT_NAMES, out ? out->guest->visitor : by);
+    limit_reached(&s->limits, LIMIT_NAMES, out ? out->connection->client : by);
     if (out)
         recorder_displace(out);
 }
 
-struct sequence *ingest_sequence(struct server *s, const char *name, const struct visitor *by, int64_t now_us)
+struct sequence *ingest_sequence(struct server *s, const char *name, const struct client *by, int64_t now_us)
 {
     struct sent_image *lost = NULL;
 

@@ -17,6 +17,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#define TOKEN_MAX 255 /* bytes, as in PROTOCOL.md 4.1.3 */
+
 enum { CONNECTIONS_DEFAULT = 128, CONNECTIONS_MAX = 4096, PER_ADDRESS_DEFAULT = 32, SILENT_DEFAULT_S = 10 };
 
 /* libwebsockets logs every client's mistake as an error of its own. */
@@ -93,17 +95,11 @@ static enum err copy_address(struct server *s, const char *wanted, struct reason
     return ERR_OK;
 }
 
-/* Written as inet_ntop does, for comparison. */
 static enum err copy_proxy(struct server *s, const char *proxy, struct reason *why)
 {
-    struct in6_addr address;
-
-    for (int k = 0; proxy && k < 2; k++) {
-        const int family = k == 0 ? AF_INET : AF_INET6;
-        if (inet_pton(family, proxy, &address) == 1 && inet_ntop(family, &address, s->proxy, sizeof(s->proxy)))
-            return ERR_OK;
-    }
-    return proxy ? err_say(why, ERR_USAGE, "--proxy-address %s: not a numeric IPv4 or IPv6 address", proxy) : ERR_OK;
+    if (address_read(proxy ? proxy : "127.0.0.1", s->proxies[0]) && address_read(proxy ? proxy : "::1", s->proxies[1]))
+        return ERR_OK;
+    return err_say(why, ERR_USAGE, "--proxy-address %s: not a numeric IPv4 or IPv6 address", proxy);
 }
 
 static uint32_t or_default(uint32_t given, uint32_t otherwise)
@@ -115,31 +111,42 @@ static enum err copy_limits(struct server *s, const struct server_desc *desc, st
 {
     s->frame_ms = or_default(desc->frame_ms, STREAM_FRAME_MS);
     s->max_frame_bytes = desc->max_frame_bytes ? desc->max_frame_bytes : INGEST_FRAME_BYTES;
-    s->max_connections = or_default(desc->max_connections, CONNECTIONS_DEFAULT);
-    s->max_per_address = or_default(desc->max_per_address, PER_ADDRESS_DEFAULT);
-    s->max_per_address_given = desc->max_per_address != 0;
+    s->limits.most_admitted = or_default(desc->max_connections, CONNECTIONS_DEFAULT);
+    s->limits.per_address = or_default(desc->max_per_address, PER_ADDRESS_DEFAULT);
+    s->limits.per_address_given = desc->max_per_address != 0;
     s->silent_s = or_default(desc->silent_s, SILENT_DEFAULT_S);
-    if (s->max_connections > CONNECTIONS_MAX)
+    if (s->limits.most_admitted > CONNECTIONS_MAX)
         return err_say(why, ERR_USAGE, "at most %d connections can be allowed", CONNECTIONS_MAX);
-    return visitors_init(&s->visitors, s->max_connections + GUESTS_ARRIVING + OTHER_FDS)
+    return limits_init(&s->limits, s->limits.most_admitted + ARRIVING_MOST + OTHER_FDS)
                ? ERR_OK
                : err_say(why, ERR_NOMEM, "out of memory");
 }
 
 static enum err copy_text(char **out, const char *text, struct reason *why)
 {
-    if (!text || !text[0] || admission_copy(out, text))
+    if (!text || !text[0])
         return ERR_OK;
-    return err_say(why, ERR_NOMEM, "out of memory");
+    *out = mem_text(text);
+    return *out ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory");
+}
+
+/* No message contains a token. */
+static enum err copy_token(char **out, const char *name, const char *token, struct reason *why)
+{
+    const size_t length = token ? strlen(token) : 1;
+
+    if (length < 1 || length > TOKEN_MAX)
+        return err_say(why, ERR_USAGE, "--token-%s: a token has 1 to %d bytes, not %zu", name, TOKEN_MAX, length);
+    return copy_text(out, token, why);
 }
 
 static enum err copy_secrets(struct server *s, const struct server_desc *desc, struct reason *why)
 {
     static const char *const roles[SERVER_ROLES] = { "viewer", "controller", "producer", "recorder" };
-    enum err e = admission_copy_token("metrics", desc->token_metrics, &s->token_metrics, why);
+    enum err e = copy_token(&s->token_metrics, "metrics", desc->token_metrics, why);
 
     for (int r = 0; r < SERVER_ROLES && !e; r++)
-        e = admission_copy_token(roles[r], desc->tokens[r], &s->tokens[r], why);
+        e = copy_token(&s->tokens[r], roles[r], desc->tokens[r], why);
     if (!e && !desc->tls_cert != !desc->tls_key)
         e = err_say(why, ERR_USAGE, "--tls-cert and --tls-key need each other");
     if (!e)
@@ -186,13 +193,13 @@ static void tick(lws_sorted_usec_list_t *sul)
 {
     struct server *s = lws_container_of(sul, struct server, tick);
 
-    metrics_tick(s, viewer_now_us(), STREAM_STATUS_US);
+    metrics_tick(s, stream_now_us(), STREAM_STATUS_US);
     if (s->leave && atomic_load(s->leave) && !s->leaving) /* the main thread may be busy for a while */
         server_drain(s);
     server_take_change(s);
-    viewers_tick(s);
+    websockets_tick(s);
     watchers_tick(s);
-    limits_tick(s, viewer_now_us());
+    limits_tick(&s->limits, stream_now_us());
     lws_sul_schedule(s->context, 0, &s->tick, tick, STREAM_STATUS_US);
 }
 
@@ -201,7 +208,7 @@ static void *serve(void *arg)
     struct server *s = arg;
     int64_t leave_us = 0;
 
-    metrics_tick(s, viewer_now_us(), STREAM_STATUS_US);
+    metrics_tick(s, stream_now_us(), STREAM_STATUS_US);
     lws_sul_schedule(s->context, 0, &s->tick, tick, STREAM_STATUS_US);
     for (;;) {
         if (lws_service(s->context, 0) < 0)
@@ -211,26 +218,27 @@ static void *serve(void *arg)
         /* Leave when the last client has gone or time is up; the tick keeps this loop awake. */
         if (leave_us == 0)
             leave_us = (int64_t)lws_now_usecs() + STREAM_GOODBYE_US;
-        if ((!s->viewers && !s->watchers) || (int64_t)lws_now_usecs() > leave_us)
+        if ((!s->websockets && !s->watchers) || (int64_t)lws_now_usecs() > leave_us)
             break;
     }
     lws_sul_cancel(&s->tick);
     return NULL;
 }
 
-/* How many descriptors connections may use. Where the process may not have as many as wanted, arriving guests and those
- * that leave keep a quarter each. */
+/* How many descriptors connections may use. Where the process may not have as many as wanted, arriving connections and
+ * those that leave keep a quarter each. */
 static uint32_t share_descriptors(struct server *s)
 {
-    const uint32_t wanted = s->max_connections + GUESTS_ARRIVING + OTHER_FDS;
+    struct limits *l = &s->limits;
+    const uint32_t wanted = l->most_admitted + ARRIVING_MOST + OTHER_FDS;
     const uint32_t allowed = process_connections_allowed(wanted);
 
-    s->guests.most_arriving = GUESTS_ARRIVING;
+    l->most_arriving = ARRIVING_MOST;
     if (allowed < wanted) {
         const uint32_t quarter = allowed / 4;
-        s->guests.most_arriving = quarter < GUESTS_ARRIVING ? quarter : GUESTS_ARRIVING;
-        const uint32_t left = allowed - s->guests.most_arriving - (quarter < OTHER_FDS ? quarter : OTHER_FDS);
-        s->max_connections = left < s->max_connections ? left : s->max_connections;
+        l->most_arriving = quarter < ARRIVING_MOST ? quarter : ARRIVING_MOST;
+        const uint32_t left = allowed - l->most_arriving - (quarter < OTHER_FDS ? quarter : OTHER_FDS);
+        l->most_admitted = left < l->most_admitted ? left : l->most_admitted;
     }
     return allowed;
 }
@@ -244,8 +252,8 @@ static struct lws_context *context_create(struct server *s, const struct address
                                               .per_session_data_size = sizeof(struct http_session),
                                               .tx_packet_size = STREAM_CHUNK };
     s->protocols[1] = (struct lws_protocols){ .name = PROTOCOL_NAME,
-                                              .callback = viewer_callback,
-                                              .per_session_data_size = sizeof(struct viewer *),
+                                              .callback = websocket_callback,
+                                              .per_session_data_size = sizeof(struct websocket *),
                                               .rx_buffer_size = STREAM_RECEIVE,
                                               .tx_packet_size = STREAM_CHUNK + LWS_PRE };
     s->validity = (lws_retry_bo_t){ .secs_since_valid_ping = (uint16_t)s->silent_s,
@@ -413,7 +421,7 @@ void server_destroy(struct server *s)
     mem_free(s->tls_cert);
     mem_free(s->tls_key);
     tls_destroy(s->tls);
-    visitors_finish(&s->visitors);
+    limits_finish(&s->limits);
     server_destroy(s->next);
     chains_clear(s, 0);
     message_free(s->status);
@@ -573,7 +581,7 @@ void server_counters(struct server *s, struct server_counters *out)
         .acked = atomic_load(&c->acked),
         .bytes = atomic_load(&c->bytes),
         .stalled = atomic_load(&c->stalled),
-        .crowded = atomic_load(&c->crowded),
+        .crowded = atomic_load(&s->limits.reached[LIMIT_ADDRESS].reached),
         .wrong_tokens = atomic_load(&c->wrong_tokens),
         .too_fast = atomic_load(&c->too_fast),
         .frames_cut = atomic_load(&c->frames_cut),

@@ -144,11 +144,11 @@ static int admit(struct server *s, struct lws *wsi)
         return refuse(s, wsi, 503, "The server is shutting down.");
     if (is_foreign(wsi))
         return refuse(s, wsi, 403, "Pages of other sites may not show this; they may show /embed, with --embed-from.");
-    if (!admission_forwarded(s, wsi))
+    if (!connection_forwarded(s, wsi))
         return refuse(s, wsi, 400, "The proxy names no address in X-Forwarded-For.");
-    switch (admission_header(s, wsi, s->tokens[SERVER_VIEWER])) {
-    case ADMISSION_RIGHT: return 0;
-    case ADMISSION_LATER: return refuse(s, wsi, 429, "Too many wrong tokens came from this address; wait ten seconds.");
+    switch (token_check_header(s, wsi, s->tokens[SERVER_VIEWER])) {
+    case TOKEN_RIGHT: return 0;
+    case TOKEN_LATER: return refuse(s, wsi, 429, "Too many wrong tokens came from this address; wait ten seconds.");
     default:
         return refuse(
             s, wsi, 401,
@@ -191,7 +191,7 @@ static void prepare_line(struct lws *wsi)
 
     setsockopt(lws_get_socket_fd(wsi), IPPROTO_TCP, TCP_USER_TIMEOUT, &dead, sizeof(dead));
     lws_set_timeout(wsi, NO_PENDING_TIMEOUT, 0);
-    viewer_limit_unsent(wsi);
+    websocket_limit_unsent(wsi);
 }
 
 /* Libwebsockets 4.1.6 reads nothing before the request is answered, but spins over input and over clients that have
@@ -207,7 +207,7 @@ static void request_write(struct watcher *w)
     watch_input(w, true);
     if (!w->waiting) {
         w->waiting = true;
-        w->moved_us = viewer_now_us();
+        w->moved_us = stream_now_us();
     }
     lws_callback_on_writable(w->wsi);
 }
@@ -235,7 +235,7 @@ static bool has_image(const struct watcher *w)
 
 static int watch(struct server *s, struct lws *wsi, const struct resource *r, uint32_t width, bool head)
 {
-    struct guest *g = guest_of(wsi);
+    struct connection *c = connection_of(wsi);
     struct watcher *w = mem_alloc(1, sizeof(*w));
 
     if (!w)
@@ -244,7 +244,7 @@ static int watch(struct server *s, struct lws *wsi, const struct resource *r, ui
     w->kind = choose_kind(s, r->image, width);
     w->fresh = s->begun;
     pthread_mutex_unlock(&s->lock);
-    if (w->kind == 0 || !guest_admit(s, g)) {
+    if (w->kind == 0 || !connection_admit(s, c)) {
         if (w->kind >= STREAM_RENDITIONS) {
             pthread_mutex_lock(&s->lock);
             leave_slot(s, w->kind - STREAM_RENDITIONS);
@@ -255,12 +255,12 @@ static int watch(struct server *s, struct lws *wsi, const struct resource *r, ui
     }
     w->server = s;
     w->wsi = wsi;
-    w->guest = g;
+    w->connection = c;
     w->resource = r;
     w->head = head;
-    w->opened_us = w->sent_us = w->moved_us = viewer_now_us();
-    visitor_name(g->visitor, w->peer);
-    g->watcher = w;
+    w->opened_us = w->sent_us = w->moved_us = stream_now_us();
+    client_name(c->client, w->peer);
+    c->watcher = w;
     w->next = s->watchers;
     s->watchers = w;
     prepare_line(wsi);
@@ -291,7 +291,7 @@ int watcher_request(struct server *s, struct lws *wsi, const char *path, bool he
         snprintf(text, sizeof(text), "There is no image yet: %s; try again later.", none);
         return refuse(s, wsi, 503, text);
     }
-    if (guest_refusal(s, guest_of(wsi), why, sizeof(why))) {
+    if (connection_refusal(s, connection_of(wsi), why, sizeof(why))) {
         snprintf(text, sizeof(text), "No connection is free: %s; try again later.", why);
         return refuse(s, wsi, 503, text);
     }
@@ -319,8 +319,8 @@ void watcher_destroy(struct watcher *w)
     while (*link != w)
         link = &(*link)->next;
     *link = w->next;
-    w->guest->watcher = NULL;
-    guest_dismiss(s, w->guest);
+    w->connection->watcher = NULL;
+    connection_dismiss(s, w->connection);
     image_unref(w->current);
     if (w->kind >= STREAM_RENDITIONS) {
         pthread_mutex_lock(&s->lock);
@@ -400,7 +400,7 @@ static enum sending send_piece(struct watcher *w)
     image_unref(w->current);
     w->current = NULL;
     w->sent++;
-    w->sent_us = viewer_now_us();
+    w->sent_us = stream_now_us();
     return last ? SENDING_DONE : SENDING_ON;
 }
 
@@ -454,7 +454,7 @@ static bool has_left(const struct watcher *w)
 
 void watchers_tick(struct server *s)
 {
-    const int64_t now = viewer_now_us();
+    const int64_t now = stream_now_us();
 
     for (struct watcher *w = s->watchers; w; w = w->next) {
         if (w->waiting && now - w->moved_us > STREAM_STALL_US) {

@@ -448,11 +448,9 @@ enum err files_read(const struct file_item *item, struct frame *f, struct reason
     f->kind = FRAME_NONE;
     f->number = item->number;
     set_name(f, item->path);
-    const size_t size = strlen(item->path) + 1;
-    char *path = mem_alloc(size, 1);
+    char *path = mem_text(item->path);
     if (!path)
         return err_say(why, ERR_NOMEM, "%s: out of memory for its name", item->path);
-    memcpy(path, item->path, size);
     const enum err e = read_all(item, path, item->face_length ? 6 : 1, f, why);
     if (e)
         f->kind = FRAME_NONE;

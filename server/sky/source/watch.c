@@ -63,10 +63,9 @@ enum err watch_init(struct watch *w, const char *dir, struct reason *why)
     enum err e = ERR_OK;
 
     *w = (struct watch){ .fd = -1 };
-    w->dir = mem_alloc(strlen(dir) + 1, 1);
+    w->dir = mem_text(dir);
     if (!w->dir)
         return err_say(why, ERR_NOMEM, "watch:%s: out of memory for the name", dir);
-    memcpy(w->dir, dir, strlen(dir) + 1);
     w->fd = inotify_init1(IN_CLOEXEC | IN_NONBLOCK);
     /* Watch before listing: a file that appears in between is seen twice and queued once, but never missed. */
     if (w->fd < 0 || inotify_add_watch(w->fd, dir, IN_CLOSE_WRITE | IN_MOVED_TO | IN_ONLYDIR) < 0)

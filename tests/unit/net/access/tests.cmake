@@ -1,5 +1,4 @@
 unit_test(access test_site)
 unit_test(access test_tls_self PkgConfig::OPENSSL)
 unit_test(access test_tls PkgConfig::OPENSSL)
-unit_test(access test_visitors)
 unit_test(access test_figures)

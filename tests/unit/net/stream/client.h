@@ -24,7 +24,7 @@
 
 enum { OP_CONTINUE = 0, OP_TEXT = 1, OP_BINARY = 2, OP_CLOSE = 8, OP_PING = 9, OP_PONG = 10 };
 
-struct client {
+struct test_client {
     int fd;
     uint8_t *in; /* received and not yet taken */
     size_t in_size;
@@ -46,11 +46,11 @@ static inline struct server *server_start(const struct server_desc *given)
     return s;
 }
 
-static inline void client_open_port(struct client *c, uint16_t port)
+static inline void client_open_port(struct test_client *c, uint16_t port)
 {
     struct sockaddr_in to = { .sin_family = AF_INET, .sin_port = htons(port) };
 
-    *c = (struct client){ .fd = socket(AF_INET, SOCK_STREAM, 0), .close_code = 0 };
+    *c = (struct test_client){ .fd = socket(AF_INET, SOCK_STREAM, 0), .close_code = 0 };
     to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     assert_true(c->fd >= 0);
     assert_int_equal(connect(c->fd, (struct sockaddr *)&to, sizeof(to)), 0);
@@ -60,19 +60,19 @@ static inline void client_open_port(struct client *c, uint16_t port)
     assert_non_null(c->message);
 }
 
-static inline void client_open(struct client *c, const struct server *s)
+static inline void client_open(struct test_client *c, const struct server *s)
 {
     client_open_port(c, server_port(s));
 }
 
-static inline void client_shut(struct client *c)
+static inline void client_shut(struct test_client *c)
 {
     close(c->fd);
     free(c->in);
     free(c->message);
 }
 
-static inline void client_write(struct client *c, const void *bytes, size_t size)
+static inline void client_write(struct test_client *c, const void *bytes, size_t size)
 {
     const uint8_t *from = bytes;
 
@@ -86,7 +86,7 @@ static inline void client_write(struct client *c, const void *bytes, size_t size
 }
 
 /* More bytes into c->in; false at the end of the stream or when nothing came in time. */
-static inline bool client_fill(struct client *c, int wait_ms)
+static inline bool client_fill(struct test_client *c, int wait_ms)
 {
     struct pollfd p = { .fd = c->fd, .events = POLLIN };
 
@@ -99,14 +99,14 @@ static inline bool client_fill(struct client *c, int wait_ms)
     return true;
 }
 
-static inline void client_drop(struct client *c, size_t size)
+static inline void client_drop(struct test_client *c, size_t size)
 {
     memmove(c->in, c->in + size, c->in_size - size);
     c->in_size -= size;
 }
 
 /* Sends a request and reads up to the end of the answer's header, which stays in c->message. The status, or 0. */
-static inline int client_request(struct client *c, const char *text)
+static inline int client_request(struct test_client *c, const char *text)
 {
     client_write(c, text, strlen(text));
     for (;;) {
@@ -124,7 +124,7 @@ static inline int client_request(struct client *c, const char *text)
 }
 
 /* Everything up to the end of the connection, as text in c->message. */
-static inline const char *client_rest(struct client *c)
+static inline const char *client_rest(struct test_client *c)
 {
     while (client_fill(c, CLIENT_WAIT_MS)) {
     }
@@ -138,7 +138,7 @@ struct handshake {
     const char *path, *host, *origin, *protocol, *version, *extra;
 };
 
-static inline int client_handshake(struct client *c, const struct handshake *h)
+static inline int client_handshake(struct test_client *c, const struct handshake *h)
 {
     char text[4096];
     const struct handshake none = { 0 };
@@ -156,7 +156,7 @@ static inline int client_handshake(struct client *c, const struct handshake *h)
 }
 
 /* One frame as it is: any opcode, with or without FIN, masked as a client must. */
-static inline void client_frame(struct client *c, int op, bool fin, const void *bytes, size_t size)
+static inline void client_frame(struct test_client *c, int op, bool fin, const void *bytes, size_t size)
 {
     const uint8_t mask[4] = { 0x11, 0x22, 0x33, 0x44 };
     uint8_t *out = malloc(size + 14);
@@ -183,13 +183,13 @@ static inline void client_frame(struct client *c, int op, bool fin, const void *
     free(out);
 }
 
-static inline void client_say(struct client *c, const char *text)
+static inline void client_say(struct test_client *c, const char *text)
 {
     client_frame(c, OP_TEXT, true, text, strlen(text));
 }
 
 /* Takes one frame from the wire: appended to the message. 0 when there is none in time or the stream has ended. */
-static inline int client_take_frame(struct client *c, int *op, bool *fin, int wait_ms)
+static inline int client_take_frame(struct test_client *c, int *op, bool *fin, int wait_ms)
 {
     size_t head = 2, length = 0;
 
@@ -226,7 +226,7 @@ static inline int client_take_frame(struct client *c, int *op, bool *fin, int wa
 
 /* The next whole message: OP_TEXT, OP_BINARY, OP_CLOSE, or 0 when nothing comes within wait_ms. Pings are passed over.
  */
-static inline int client_next(struct client *c, int wait_ms)
+static inline int client_next(struct test_client *c, int wait_ms)
 {
     bool fin = false;
     int op = 0;
@@ -252,7 +252,7 @@ static inline int client_next(struct client *c, int wait_ms)
 }
 
 /* Passes over what comes until a text message of this op; NULL when there is none in time. The caller frees. */
-static inline json_t *client_await(struct client *c, const char *op)
+static inline json_t *client_await(struct test_client *c, const char *op)
 {
     for (int got; (got = client_next(c, CLIENT_WAIT_MS)) != 0 && got != OP_CLOSE;) {
         if (got != OP_TEXT)
@@ -266,7 +266,7 @@ static inline json_t *client_await(struct client *c, const char *op)
     return NULL;
 }
 
-static inline void client_expect(struct client *c, const char *op)
+static inline void client_expect(struct test_client *c, const char *op)
 {
     json_t *object = client_await(c, op);
     if (!object)
@@ -275,7 +275,7 @@ static inline void client_expect(struct client *c, const char *op)
 }
 
 /* Passes over texts until an image; the sequence number, or 0. Its header stays in *h. */
-static inline uint64_t client_picture(struct client *c, struct protocol_picture *h, int wait_ms)
+static inline uint64_t client_picture(struct test_client *c, struct protocol_picture *h, int wait_ms)
 {
     struct timespec begun, now;
     size_t offset;
@@ -294,7 +294,7 @@ static inline uint64_t client_picture(struct client *c, struct protocol_picture 
 }
 
 /* Passes over everything until the connection is closed, and returns the code. */
-static inline int client_close_code(struct client *c)
+static inline int client_close_code(struct test_client *c)
 {
     for (int got; (got = client_next(c, CLIENT_WAIT_MS)) != 0 && got != OP_CLOSE;) {
     }
@@ -302,7 +302,7 @@ static inline int client_close_code(struct client *c)
 }
 
 /* Opens, shakes hands and says hello. */
-static inline void client_greet(struct client *c, const struct server *s)
+static inline void client_greet(struct test_client *c, const struct server *s)
 {
     client_open(c, s);
     assert_int_equal(client_handshake(c, NULL), 101);
@@ -310,14 +310,14 @@ static inline void client_greet(struct client *c, const struct server *s)
     client_expect(c, "welcome");
 }
 
-static inline void client_watch(struct client *c, const struct server *s)
+static inline void client_watch(struct test_client *c, const struct server *s)
 {
     client_greet(c, s);
     client_say(c, "{\"op\":\"subscribe\",\"format\":\"jpeg\"}");
     client_expect(c, "subscribed");
 }
 
-static inline void client_ack(struct client *c, uint64_t sequence)
+static inline void client_ack(struct test_client *c, uint64_t sequence)
 {
     char text[80];
     snprintf(text, sizeof(text), "{\"op\":\"ack\",\"sequence\":%llu}", (unsigned long long)sequence);

@@ -9,7 +9,7 @@ static inline struct server *push_server(void)
     return server_start(&desc);
 }
 
-static inline json_t *hello(struct client *c, const struct server *s, const char *fields)
+static inline json_t *hello(struct test_client *c, const struct server *s, const char *fields)
 {
     char text[512];
 
@@ -23,13 +23,13 @@ static inline json_t *hello(struct client *c, const struct server *s, const char
     return welcome;
 }
 
-static inline void produce_live(struct client *c, const struct server *s)
+static inline void produce_live(struct test_client *c, const struct server *s)
 {
     json_decref(hello(c, s, "\"role\":\"producer\""));
 }
 
 /* The credit that comes with welcome; *after: its resume_after, -1 for null. */
-static inline int produce_lockstep(struct client *c, const struct server *s, const char *name, int64_t *after)
+static inline int produce_lockstep(struct test_client *c, const struct server *s, const char *name, int64_t *after)
 {
     char fields[200];
 
@@ -45,7 +45,7 @@ static inline int produce_lockstep(struct client *c, const struct server *s, con
 }
 
 /* Connects and subscribes; returns stored_after, -1 for null. */
-static inline int64_t record(struct client *c, const struct server *s, const char *name, const char *format)
+static inline int64_t record(struct test_client *c, const struct server *s, const char *name, const char *format)
 {
     char text[200];
 
@@ -61,7 +61,7 @@ static inline int64_t record(struct client *c, const struct server *s, const cha
     return stored;
 }
 
-static inline void store(struct client *c, uint64_t sequence)
+static inline void store(struct test_client *c, uint64_t sequence)
 {
     char text[100];
     snprintf(text, sizeof(text), "{\"op\":\"ack\",\"sequence\":%llu,\"stored\":true}", (unsigned long long)sequence);
@@ -87,7 +87,7 @@ static inline void frame_make(uint64_t number, uint8_t out[FRAME_SIZE])
     memcpy(out + PROTOCOL_ENVIRONMENT_BYTES, texels, sizeof(texels));
 }
 
-static inline void frame_send(struct client *c, uint64_t number)
+static inline void frame_send(struct test_client *c, uint64_t number)
 {
     uint8_t bytes[FRAME_SIZE];
 
@@ -96,7 +96,7 @@ static inline void frame_send(struct client *c, uint64_t number)
 }
 
 /* Any file or texels with a header that fits. */
-static inline void payload_send(struct client *c, struct protocol_environment e, const void *payload)
+static inline void payload_send(struct test_client *c, struct protocol_environment e, const void *payload)
 {
     uint8_t *bytes = malloc(PROTOCOL_ENVIRONMENT_BYTES + e.payload);
 
@@ -108,7 +108,7 @@ static inline void payload_send(struct client *c, struct protocol_environment e,
 }
 
 /* Waits for the fate of a frame. */
-static inline void expect_fate(struct client *c, uint64_t number, const char *fate)
+static inline void expect_fate(struct test_client *c, uint64_t number, const char *fate)
 {
     json_t *m = client_await(c, "frame");
 
@@ -119,7 +119,7 @@ static inline void expect_fate(struct client *c, uint64_t number, const char *fa
     json_decref(m);
 }
 
-static inline int credit_comes(struct client *c)
+static inline int credit_comes(struct test_client *c)
 {
     json_t *m = client_await(c, "credit");
     const int frames = m ? (int)json_integer_value(json_object_get(m, "frames")) : 0;
@@ -129,7 +129,7 @@ static inline int credit_comes(struct client *c)
 }
 
 /* True when no message of that op comes for so long. */
-static inline bool nothing_comes(struct client *c, const char *op, int wait_ms)
+static inline bool nothing_comes(struct test_client *c, const char *op, int wait_ms)
 {
     char word[40];
     struct timespec begun, now;

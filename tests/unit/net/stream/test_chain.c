@@ -32,7 +32,7 @@ static void publish_h264(struct server *s, uint64_t frame, bool key, size_t size
     publish_track(s, 0, frame, key, size);
 }
 
-static void watch_h264(struct client *c, const struct server *s)
+static void watch_h264(struct test_client *c, const struct server *s)
 {
     client_greet(c, s);
     client_say(c, "{\"op\":\"subscribe\",\"format\":\"h264\"}");
@@ -55,7 +55,7 @@ static void await_wish(struct server *s)
     assert_true(key_wanted(s));
 }
 
-static void expect(struct client *c, uint64_t sequence)
+static void expect(struct test_client *c, uint64_t sequence)
 {
     struct protocol_picture h = { 0 };
 
@@ -63,7 +63,7 @@ static void expect(struct client *c, uint64_t sequence)
     assert_int_equal(h.format, PROTOCOL_H264);
 }
 
-static void expect_nothing(struct client *c)
+static void expect_nothing(struct test_client *c)
 {
     struct protocol_picture h = { 0 };
 
@@ -85,7 +85,7 @@ static void h264_is_offered_where_it_is_made_and_only_there(void **state)
     (void)state;
     for (int made = 0; made < 2; made++) {
         struct server *s = server_start(&(struct server_desc){ .h264 = made });
-        struct client c;
+        struct test_client c;
         client_open(&c, s);
         assert_int_equal(client_handshake(&c, NULL), 101);
         client_say(&c, "{\"op\":\"hello\",\"role\":\"viewer\",\"version\":{\"major\":1}}");
@@ -112,7 +112,7 @@ static void a_recorder_gets_no_h264(void **state)
 {
     (void)state;
     struct server *s = start();
-    struct client c;
+    struct test_client c;
 
     client_open(&c, s);
     assert_int_equal(client_handshake(&c, NULL), 101);
@@ -132,7 +132,7 @@ static void a_viewer_begins_at_a_key_image_and_asks_for_it(void **state)
 {
     (void)state;
     struct server *s = start();
-    struct client c;
+    struct test_client c;
 
     assert_false(key_wanted(s));
     watch_h264(&c, s);
@@ -154,7 +154,7 @@ static void a_viewer_that_is_a_little_behind_gets_every_image(void **state)
 {
     (void)state;
     struct server *s = start();
-    struct client c;
+    struct test_client c;
 
     watch_h264(&c, s);
     publish_h264(s, 1, true, 60000);
@@ -178,7 +178,7 @@ static void who_has_missed_one_goes_on_at_a_key_image_when_the_line_is_clear(voi
 {
     (void)state;
     struct server *s = start();
-    struct client c;
+    struct test_client c;
     uint64_t n = 1;
 
     watch_h264(&c, s);
@@ -210,7 +210,7 @@ static void images_that_are_late_are_not_added_to_those_under_way(void **state)
 {
     (void)state;
     struct server *s = start();
-    struct client c;
+    struct test_client c;
 
     watch_h264(&c, s);
     publish_h264(s, 1, true, 1000);
@@ -233,7 +233,7 @@ static void who_comes_while_a_key_image_is_kept_asks_for_none(void **state)
 {
     (void)state;
     struct server *s = start();
-    struct client first, second;
+    struct test_client first, second;
 
     watch_h264(&first, s);
     publish_h264(s, 1, true, 1000);
@@ -259,7 +259,7 @@ static void who_subscribes_again_or_resumes_begins_anew(void **state)
     (void)state;
     struct server *s = start();
     struct server_counters counters;
-    struct client c;
+    struct test_client c;
 
     watch_h264(&c, s);
     publish_h264(s, 1, true, 1000);
@@ -293,7 +293,7 @@ static void the_kinds_of_image_do_not_mix(void **state)
     struct server *s = start();
     struct protocol_picture h = { 0 };
     struct server_demand demand;
-    struct client c;
+    struct test_client c;
 
     watch_h264(&c, s);
     server_demand(s, &demand);
@@ -349,7 +349,7 @@ static void a_wish_for_rate_and_size_comes_to_a_track(void **state)
         { ",\"max_width\":1,\"max_rate\":2", 2, 1.875 },
     };
     struct server *s = start();
-    struct client c;
+    struct test_client c;
     (void)state;
 
     tell_size(s, 640, 360);
@@ -377,7 +377,7 @@ static void each_track_is_a_chain_of_its_own(void **state)
     const unsigned slow = SERVER_RATES + 3; /* half the size, 15 a second */
     struct server *s = start();
     struct server_demand demand;
-    struct client whole, small;
+    struct test_client whole, small;
     (void)state;
 
     tell_size(s, 64, 36);
@@ -414,7 +414,7 @@ static void each_track_is_a_chain_of_its_own(void **state)
 static void an_image_of_another_size_takes_its_viewers_along(void **state)
 {
     struct server *s = start();
-    struct client c;
+    struct test_client c;
     (void)state;
 
     client_greet(&c, s); /* before anybody knows how large images are */

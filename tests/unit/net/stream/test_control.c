@@ -6,7 +6,7 @@
 
 #include <math.h>
 
-static void control_in(struct client *c, const struct server *s)
+static void control_in(struct test_client *c, const struct server *s)
 {
     json_decref(hello(c, s, "\"role\":\"controller\""));
 }
@@ -76,7 +76,7 @@ static bool has_any(const struct asked *a, const char *keys)
     return false;
 }
 
-static void expect_control(struct client *c, uint64_t by, int request, const char *words)
+static void expect_control(struct test_client *c, uint64_t by, int request, const char *words)
 {
     json_t *m = client_await(c, "control");
     char id[24];
@@ -102,7 +102,7 @@ static void all_that_can_be_asked_for_arrives(void **state)
 {
     (void)state;
     struct server *s = control_server();
-    struct client c;
+    struct test_client c;
 
     control_in(&c, s);
     client_say(&c, "{\"op\":\"control\",\"request\":3,\"rotate_degrees\":-90.5,\"scale_stops\":2,\"method\":\"mis\","
@@ -125,7 +125,7 @@ static void all_of_minor_1_arrives(void **state)
 {
     (void)state;
     struct server *s = control_server();
-    struct client c;
+    struct test_client c;
 
     control_in(&c, s);
     client_say(&c,
@@ -153,7 +153,7 @@ static void what_is_joined_is_what_was_said_in_turn(void **state)
     (void)state;
     struct server *s = control_server();
     struct asked a;
-    struct client c;
+    struct test_client c;
 
     control_in(&c, s);
     static const char *const said[] = {
@@ -188,7 +188,7 @@ static void who_cannot_do_it_says_by_which_clause(void **state)
 {
     (void)state;
     struct server *s = control_server();
-    struct client c;
+    struct test_client c;
 
     control_in(&c, s);
     client_say(&c, "{\"op\":\"control\",\"request\":2,\"camera\":\"moon\"}");
@@ -209,7 +209,7 @@ static void the_last_word_wins_and_all_are_told(void **state)
     struct server *s = control_server();
     struct settings now = in_force;
     struct asked a;
-    struct client one, two, viewer, late;
+    struct test_client one, two, viewer, late;
 
     client_greet(&viewer, s);
     control_in(&one, s);
@@ -243,7 +243,7 @@ static void words_in_a_row_are_one_change_and_between_two_the_order_stands(void 
     (void)state;
     struct server *s = control_server();
     struct asked a;
-    struct client one, two;
+    struct test_client one, two;
 
     control_in(&one, s);
     control_in(&two, s);
@@ -276,7 +276,7 @@ static void an_answer_does_not_hide_what_another_has_said_since(void **state)
     (void)state;
     struct server *s = control_server();
     struct asked a, b;
-    struct client one, two;
+    struct test_client one, two;
     char text[80];
 
     control_in(&one, s);
@@ -302,7 +302,7 @@ static void each_of_many_requests_is_answered(void **state)
     (void)state;
     struct server *s = control_server();
     struct asked a;
-    struct client c[2];
+    struct test_client c[2];
     char text[80];
 
     control_in(&c[0], s);
@@ -368,7 +368,7 @@ static void what_cannot_be_done_is_told_to_who_asked_and_costs_nothing(void **st
     };
     struct server *s = control_server();
     struct asked a;
-    struct client c, viewer;
+    struct test_client c, viewer;
     char text[200];
 
     control_in(&c, s);
@@ -414,7 +414,7 @@ static void a_slider_does_not_cost_slow_viewers_their_connection(void **state)
     struct server *s = control_server();
     struct settings now = in_force;
     struct protocol_picture h;
-    struct client stuck;
+    struct test_client stuck;
 
     client_watch(&stuck, s);
     publish(s, 1, 8000000); /* in transmission for as long as nobody reads */

@@ -8,7 +8,7 @@ static void a_viewer_that_reads_nothing_neither_delays_others_nor_grows_the_serv
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client stuck[4], healthy;
+    struct test_client stuck[4], healthy;
     struct protocol_picture h = { 0 };
     struct server_counters counters;
     long before = 0;
@@ -38,7 +38,7 @@ static void a_viewer_that_wakes_up_is_at_the_newest_image_at_once(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
     struct protocol_picture h = { 0 };
     uint64_t last = 0;
     int stale = 0;
@@ -63,7 +63,7 @@ static void a_viewer_that_takes_nothing_holds_little_and_does_not_stop_the_end(v
     (void)state;
     struct server *s = server_start(NULL);
     struct server_counters counters;
-    struct client c;
+    struct test_client c;
 
     client_watch(&c, s);
     publish(s, 1, 30000000);
@@ -101,7 +101,7 @@ static void *watch_many(void *arg)
 {
     struct many *m = arg;
     struct protocol_picture h = { 0 };
-    struct client c;
+    struct test_client c;
 
     client_watch(&c, m->s);
     for (uint64_t last = 0; last < MANY_IMAGES; last = h.sequence) {
@@ -130,7 +130,7 @@ static void threads_publish_while_viewers_come_and_go(void **state)
         assert_int_equal(pthread_create(&p[i], NULL, publish_many, &publishers[i]), 0);
     }
     for (int i = 0; i < 30; i++) { /* passers-by, some of whom leave in the middle of things */
-        struct client c;
+        struct test_client c;
         client_watch(&c, s);
         if (i % 2)
             client_say(&c, "{\"op\":\"ping\",\"id\":1}");
@@ -155,7 +155,7 @@ static void connections_that_come_and_go_leave_nothing_behind(void **state)
 
     publish(s, 1, 100000);
     for (int i = 0; i < 600; i++) {
-        struct client c;
+        struct test_client c;
         if (i % 3 == 0) {
             client_watch(&c, s);
         } else {

@@ -26,7 +26,7 @@ static void handshakes_that_break_section_2_are_turned_away(void **state)
     struct server_counters counters;
 
     for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
-        struct client c;
+        struct test_client c;
         client_open(&c, s);
         const int status = client_handshake(&c, &bad[i]);
         if (status == 101)
@@ -57,7 +57,7 @@ static void handshakes_that_obey_are_let_in(void **state)
     struct server *s = server_start(NULL);
 
     for (size_t i = 0; i < sizeof(good) / sizeof(good[0]); i++) {
-        struct client c;
+        struct test_client c;
         client_open(&c, s);
         if (client_handshake(&c, &good[i]) != 101)
             fail_msg("handshake %zu was refused", i);
@@ -74,7 +74,7 @@ static void hello_is_answered_by_welcome_and_status(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
 
     client_open(&c, s);
     assert_int_equal(client_handshake(&c, NULL), 101);
@@ -129,7 +129,7 @@ static void offences_are_answered_with_their_clause_and_close_code(void **state)
 
     for (size_t i = 0; i < sizeof(offences) / sizeof(offences[0]); i++) {
         const struct offence *o = &offences[i];
-        struct client c;
+        struct test_client c;
         if (o->greeted) {
             client_greet(&c, s);
         } else {
@@ -158,7 +158,7 @@ static void the_rest_is_let_pass(void **state)
     (void)state;
     const struct server_desc desc = { .controls = settings_table };
     struct server *s = server_start(&desc);
-    struct client c;
+    struct test_client c;
 
     client_open(&c, s);
     assert_int_equal(client_handshake(&c, NULL), 101);
@@ -191,7 +191,7 @@ static void a_message_may_come_in_pieces_up_to_its_limit(void **state)
     (void)state;
     char text[PROTOCOL_TEXT_MAX + 2];
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
 
     client_greet(&c, s);
     client_frame(&c, OP_TEXT, false, "{\"op\":", 6);
@@ -215,7 +215,7 @@ static void a_size_that_lies_is_refused_before_it_arrives(void **state)
     (void)state;
     static const uint8_t huge[] = { 0x81, 0xff, 0, 0, 0, 0, 0xff, 0xff, 0xff, 0xff, 1, 2, 3, 4, 'x' };
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
 
     client_greet(&c, s);
     client_write(&c, huge, sizeof(huge));
@@ -228,7 +228,7 @@ static void endless_empty_pieces_are_refused(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
 
     client_greet(&c, s);
     client_frame(&c, OP_TEXT, false, "{", 1);
@@ -256,11 +256,11 @@ static void malformed_frames_cost_only_their_connection(void **state)
         { { 0x81, 0x85, 0, 0, 0 }, 5 },                                /* ends in the mask */
     };
     struct server *s = server_start(NULL);
-    struct client other;
+    struct test_client other;
 
     client_greet(&other, s);
     for (size_t i = 0; i < sizeof(frames) / sizeof(frames[0]); i++) {
-        struct client c;
+        struct test_client c;
         client_greet(&c, s);
         client_write(&c, frames[i].bytes, frames[i].size);
         shutdown(c.fd, SHUT_WR);
@@ -277,7 +277,7 @@ static void text_that_is_not_utf8_is_closed_by_1007(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
 
     client_greet(&c, s);
     client_frame(&c, OP_TEXT, true, "\xc3\x28", 2);
@@ -290,7 +290,7 @@ static void floods_are_cut_off(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
 
     client_greet(&c, s);
     for (int i = 0; i < 2000; i++)
@@ -305,7 +305,7 @@ static void one_connection_too_many_is_told_so(void **state)
     (void)state;
     const struct server_desc desc = { .max_connections = 2 };
     struct server *s = server_start(&desc);
-    struct client first, second, third;
+    struct test_client first, second, third;
 
     client_greet(&first, s);
     client_greet(&second, s);
@@ -335,7 +335,7 @@ static void silence_after_the_handshake_ends_in_no_hello(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
 
     client_open(&c, s);
     assert_int_equal(client_handshake(&c, NULL), 101);
@@ -351,7 +351,7 @@ static void a_token_is_asked_for_where_one_is_set(void **state)
     static const char *const wrong[] = { "", ",\"token\":\"\"", ",\"token\":\"open sesam\"",
                                          ",\"token\":\"open sesame!\"", ",\"token\":\"open sesamE\"" };
     struct server *s = server_start(&desc);
-    struct client c;
+    struct test_client c;
     char text[200];
 
     for (size_t i = 0; i <= sizeof(wrong) / sizeof(wrong[0]); i++) {

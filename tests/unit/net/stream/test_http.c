@@ -14,7 +14,7 @@ struct answer {
 
 static void ask(const struct server *s, const char *request, struct answer *a)
 {
-    struct client c;
+    struct test_client c;
 
     client_open(&c, s);
     a->status = client_request(&c, request);
@@ -221,7 +221,7 @@ static void several_requests_on_one_connection_are_answered_in_turn(void **state
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
 
     client_open(&c, s);
     for (int i = 0; i < 3; i++) {

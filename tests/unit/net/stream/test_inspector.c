@@ -15,7 +15,7 @@ static struct server_inspection asked(struct server *s)
 }
 
 /* The next `error`, of that code, clause and request; the connection stays. */
-static void expect_error(struct client *c, const char *code, const char *clause, int request)
+static void expect_error(struct test_client *c, const char *code, const char *clause, int request)
 {
     json_t *m = client_await(c, "error");
 
@@ -42,7 +42,7 @@ static void a_question_arrives_and_its_answer_returns(void **state)
 {
     (void)state;
     struct server *s = server_with_image();
-    struct client c;
+    struct test_client c;
 
     client_greet(&c, s);
     client_say(&c,
@@ -71,7 +71,7 @@ static void the_sky_alone_is_asked_for_beside_a_pixel(void **state)
 {
     (void)state;
     struct server *s = server_with_image();
-    struct client c;
+    struct test_client c;
 
     client_greet(&c, s);
     client_say(&c, "{\"op\":\"probe\",\"request\":1,\"x\":3,\"y\":4,\"sky\":true}");
@@ -105,7 +105,7 @@ static void an_answer_of_60_kib_goes_through(void **state)
     (void)state;
     enum { SIZE = 60 << 10 };
     struct server *s = server_with_image();
-    struct client c;
+    struct test_client c;
     char *text = malloc(SIZE + 1);
 
     memset(text, 'a', SIZE);
@@ -145,7 +145,7 @@ static void what_is_wrong_is_named_and_costs_nothing(void **state)
     (void)state;
     struct server *s = server_with_image();
     struct server_inspection q;
-    struct client c;
+    struct test_client c;
 
     client_greet(&c, s);
     for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
@@ -165,7 +165,7 @@ static void before_the_first_image_nothing_can_be_asked(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client c;
+    struct test_client c;
 
     client_greet(&c, s);
     client_say(&c, "{\"op\":\"probe\",\"request\":2,\"x\":0,\"y\":0}");
@@ -178,7 +178,7 @@ static void a_producer_may_not_ask(void **state)
 {
     (void)state;
     struct server *s = server_with_image();
-    struct client c;
+    struct test_client c;
 
     produce_live(&c, s);
     client_say(&c, "{\"op\":\"probe\",\"x\":0,\"y\":0}");
@@ -192,7 +192,7 @@ static void a_second_question_waits_for_the_first(void **state)
 {
     (void)state;
     struct server *s = server_with_image();
-    struct client c, other;
+    struct test_client c, other;
 
     client_greet(&c, s);
     client_greet(&other, s);
@@ -219,7 +219,7 @@ static void the_server_answers_only_so_many(void **state)
     (void)state;
     enum { CLIENTS = 20 };
     struct server *s = server_with_image();
-    struct client c[CLIENTS];
+    struct test_client c[CLIENTS];
     struct server_inspection q;
     int taken = 0, busy = 0;
     struct timespec begun, now;
@@ -260,7 +260,7 @@ static void who_leaves_is_forgotten(void **state)
     struct server *s = server_with_image();
     struct server_follow f[SERVER_FOLLOWED_MAX];
     struct server_inspection q;
-    struct client c;
+    struct test_client c;
 
     client_greet(&c, s);
     client_say(&c, "{\"op\":\"probe\",\"x\":0,\"y\":0,\"follow\":true}");
@@ -293,7 +293,7 @@ static void a_followed_pixel_is_told(void **state)
     struct server *s = server_with_image();
     struct server_follow f[SERVER_FOLLOWED_MAX];
     const struct server_radiance r = { .frame = 7, .capture_us = 12, .rgb = { 0.5f, 1.0f, 2.0f } };
-    struct client c;
+    struct test_client c;
 
     client_greet(&c, s);
     client_say(&c, "{\"op\":\"probe\",\"request\":1,\"x\":5,\"y\":6,\"follow\":true}");

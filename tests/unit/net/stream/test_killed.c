@@ -49,7 +49,7 @@ static void *feed(void *arg)
     unsigned seed = play->seed;
 
     for (bool done = false; !done;) {
-        struct client c;
+        struct test_client c;
         int64_t after;
         int credit = produce_lockstep(&c, play->s, "play", &after);
         uint64_t next = after < 0 ? 1 : (uint64_t)after + 1;
@@ -86,7 +86,7 @@ static void *keep(void *arg)
     unsigned seed = play->seed + 77;
 
     for (bool done = false; !done;) {
-        struct client c;
+        struct test_client c;
         record(&c, play->s, "play", "exr_float");
         for (bool dies = false; !dies && !done;) {
             const int got = client_next(&c, 200);
@@ -121,7 +121,7 @@ static void no_frame_is_lost_or_doubled_whoever_is_killed(void **state)
     for (unsigned seed = 1; seed <= 4; seed++) {
         struct play play = { .s = push_server(), .seed = seed };
         struct server_counters counters;
-        struct client viewer;
+        struct test_client viewer;
         pthread_t renderer, feeder, keeper;
 
         client_watch(&viewer, play.s); /* never reads: delays nobody */

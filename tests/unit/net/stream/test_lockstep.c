@@ -7,7 +7,7 @@ static void a_producer_has_no_credit_before_a_recorder_has_come(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client p, r;
+    struct test_client p, r;
     struct server_demand demand;
     int64_t after;
 
@@ -32,7 +32,7 @@ static void credit_returns_when_the_image_is_stored_and_not_before(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client p, r, viewer;
+    struct test_client p, r, viewer;
     struct server_ticket t;
     struct frame f = { 0 };
     struct protocol_picture h = { 0 };
@@ -77,7 +77,7 @@ static void a_recorder_must_say_that_it_has_stored(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client p, r;
+    struct test_client p, r;
     struct server_ticket t;
     struct frame f = { 0 };
     struct protocol_picture h = { 0 };
@@ -106,7 +106,7 @@ static void an_image_comes_again_until_it_is_stored(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client p, r;
+    struct test_client p, r;
     struct server_ticket t;
     struct frame f = { 0 };
     struct protocol_picture h = { 0 };
@@ -145,7 +145,7 @@ static void a_producer_goes_on_after_what_was_accepted(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client p, r;
+    struct test_client p, r;
     struct server_ticket t;
     struct frame f = { 0 };
     struct protocol_picture h = { 0 };
@@ -203,7 +203,7 @@ static void a_refused_frame_returns_its_credit_and_is_remembered(void **state)
     static const char not_radiance[] = "no";
     const struct protocol_environment file = { .encoding = PROTOCOL_FILE_HDR, .payload = 2, .frame = 2 };
     struct server *s = push_server();
-    struct client p, r;
+    struct test_client p, r;
     struct server_ticket t;
     struct frame f = { 0 };
     int64_t after;
@@ -235,7 +235,7 @@ static void a_refused_frame_returns_its_credit_and_is_remembered(void **state)
 }
 
 /* Refuses frames from `first` to `last`. */
-static void refuse_frames(struct client *p, struct server *s, uint64_t first, uint64_t last)
+static void refuse_frames(struct test_client *p, struct server *s, uint64_t first, uint64_t last)
 {
     struct server_ticket t;
     struct frame f = { 0 };
@@ -254,7 +254,7 @@ static void late_frames_are_told_their_own_fate(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client p, r;
+    struct test_client p, r;
     struct server_ticket t;
     struct frame f = { 0 };
     struct protocol_picture h;
@@ -301,7 +301,7 @@ static void a_second_producer_takes_over_and_a_second_recorder_waits(void **stat
 {
     (void)state;
     struct server *s = push_server();
-    struct client p[2], r[2], other;
+    struct test_client p[2], r[2], other;
     int64_t after;
 
     record(&r[0], s, "a", "jpeg");
@@ -333,7 +333,7 @@ static void the_end_is_told_when_all_is_stored(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client p, r;
+    struct test_client p, r;
     struct server_ticket t;
     struct frame f = { 0 };
     struct protocol_picture h = { 0 };
@@ -371,7 +371,7 @@ static void the_format_stands_while_a_frame_is_under_way(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client p, r;
+    struct test_client p, r;
     struct server_ticket t;
     struct frame f = { 0 };
     struct protocol_picture h = { 0 };
@@ -406,7 +406,7 @@ static void a_live_frame_never_overtakes_one_in_lockstep(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client live, p, r;
+    struct test_client live, p, r;
     struct server_ticket t;
     struct frame f = { 0 };
     int64_t after;
@@ -436,7 +436,7 @@ static void another_sequence_waits_until_the_frame_under_way_has_its_image(void 
 {
     (void)state;
     struct server *s = push_server();
-    struct client a, b, ra, rb;
+    struct test_client a, b, ra, rb;
     struct server_ticket t;
     struct frame f = { 0 };
     int64_t after;
@@ -467,7 +467,7 @@ static void sixteen_names_are_remembered(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client p, r[17];
+    struct test_client p, r[17];
     struct server_ticket t;
     struct frame f = { 0 };
     char name[20];

@@ -95,7 +95,7 @@ static void it_serves_on_whatever_fails(void **state)
     nomem_spares = true; /* the client's own */
     nomem_spared = pthread_self();
     for (unsigned n = 1; n <= 60; n++) {
-        struct client c;
+        struct test_client c;
         client_open(&c, s);
         nomem_arm(n, n % 4 == 0);
         if (client_handshake(&c, NULL) == 101) {
@@ -109,7 +109,7 @@ static void it_serves_on_whatever_fails(void **state)
         client_shut(&c);
     }
     nomem_spares = false;
-    struct client c;
+    struct test_client c;
     client_watch(&c, s);
     publish(s, 1, 1000);
     assert_int_equal(client_picture(&c, &h, CLIENT_WAIT_MS), 1);

@@ -9,7 +9,7 @@ static void a_raw_frame_arrives_bit_for_bit_and_its_fate_is_told(void **state)
     struct server *s = push_server();
     struct frame f = { 0 };
     struct server_ticket t;
-    struct client c;
+    struct test_client c;
 
     produce_live(&c, s);
     frame_send(&c, 17);
@@ -55,7 +55,7 @@ static void halves_alpha_and_rows_from_the_bottom_are_put_right(void **state)
     struct server *s = push_server();
     struct frame f = { 0 };
     struct server_ticket t;
-    struct client c;
+    struct test_client c;
 
     single.encoding = PROTOCOL_RAW_FLOAT;
     single.flags = 0;
@@ -89,7 +89,7 @@ static void the_newest_frame_wins_and_the_other_is_told(void **state)
     struct server *s = push_server();
     struct frame f = { 0 };
     struct server_ticket t;
-    struct client c;
+    struct test_client c;
 
     produce_live(&c, s);
     frame_send(&c, 1);
@@ -117,7 +117,7 @@ static void a_frame_may_come_in_pieces_of_any_size(void **state)
     struct server *s = push_server();
     struct frame f = { 0 };
     struct server_ticket t;
-    struct client c;
+    struct test_client c;
     size_t at = 0;
 
     protocol_environment_encode(&e, bytes);
@@ -145,12 +145,12 @@ static void a_frame_may_come_in_pieces_of_any_size(void **state)
 
 /* One thing that a producer does wrong, and what it must be told. Meanwhile a viewer watches. */
 struct offence {
-    void (*commit)(struct client *c);
+    void (*commit)(struct test_client *c);
     int close_code;
     const char *code, *clause;
 };
 
-static void altered(struct client *c, size_t at, uint8_t value)
+static void altered(struct test_client *c, size_t at, uint8_t value)
 {
     uint8_t bytes[FRAME_SIZE];
 
@@ -158,26 +158,26 @@ static void altered(struct client *c, size_t at, uint8_t value)
     bytes[at] = value;
     client_frame(c, OP_BINARY, true, bytes, sizeof(bytes));
 }
-static void cut(struct client *c)
+static void cut(struct test_client *c)
 {
     uint8_t bytes[FRAME_SIZE];
     frame_make(1, bytes);
     client_frame(c, OP_BINARY, true, bytes, 20);
 }
-static void short_payload(struct client *c)
+static void short_payload(struct test_client *c)
 {
     uint8_t bytes[FRAME_SIZE];
     frame_make(1, bytes);
     client_frame(c, OP_BINARY, false, bytes, FRAME_SIZE - 1);
     client_frame(c, OP_CONTINUE, true, bytes, 0);
 }
-static void long_payload(struct client *c)
+static void long_payload(struct test_client *c)
 {
     uint8_t bytes[FRAME_SIZE + 1] = { 0 };
     frame_make(1, bytes);
     client_frame(c, OP_BINARY, true, bytes, sizeof(bytes));
 }
-static void lie(struct client *c) /* announces 4 GiB */
+static void lie(struct test_client *c) /* announces 4 GiB */
 {
     uint8_t bytes[FRAME_SIZE];
     frame_make(1, bytes);
@@ -187,37 +187,37 @@ static void lie(struct client *c) /* announces 4 GiB */
     memset(bytes + 20, 0xff, 4);
     client_frame(c, OP_BINARY, false, bytes, sizeof(bytes));
 }
-static void huge(struct client *c) /* without any header yet: only WebSocket's own length speaks */
+static void huge(struct test_client *c) /* without any header yet: only WebSocket's own length speaks */
 {
     const uint8_t head[14] = { 0x82, 0xff, 0, 0, 0, 1, 0, 0, 0, 0, 1, 2, 3, 4 };
     client_write(c, head, sizeof(head));
     client_write(c, "RLE1", 4);
 }
-static void magic(struct client *c)
+static void magic(struct test_client *c)
 {
     altered(c, 0, 'X');
 }
-static void header_length(struct client *c)
+static void header_length(struct test_client *c)
 {
     altered(c, 4, 50);
 }
-static void encoding(struct client *c)
+static void encoding(struct test_client *c)
 {
     altered(c, 6, 9);
 }
-static void layout(struct client *c)
+static void layout(struct test_client *c)
 {
     altered(c, 7, 9);
 }
-static void channels(struct client *c)
+static void channels(struct test_client *c)
 {
     altered(c, 9, 2);
 }
-static void number(struct client *c)
+static void number(struct test_client *c)
 {
     altered(c, 31, 1);
 }
-static void too_many(struct client *c)
+static void too_many(struct test_client *c)
 {
     for (uint64_t i = 1; i <= 3; i++)
         frame_send(c, i + 100);
@@ -225,25 +225,25 @@ static void too_many(struct client *c)
     frame_send(c, 105);
     frame_send(c, 106);
 }
-static void watch(struct client *c)
+static void watch(struct test_client *c)
 {
     client_say(c, "{\"op\":\"subscribe\",\"format\":\"jpeg\"}");
 }
-static void control(struct client *c)
+static void control(struct test_client *c)
 {
     client_say(c, "{\"op\":\"control\",\"samples\":4}");
 }
-static void not_utf8(struct client *c)
+static void not_utf8(struct test_client *c)
 {
     client_say(c, "{\"op\":\"\xff\"}");
 }
-static void long_text(struct client *c)
+static void long_text(struct test_client *c)
 {
     static char text[PROTOCOL_TEXT_MAX + 2];
     memset(text, ' ', sizeof(text) - 1);
     client_say(c, text);
 }
-static void fragments(struct client *c)
+static void fragments(struct test_client *c)
 {
     client_frame(c, OP_BINARY, false, "", 0);
     for (int i = 0; i < 66000; i++)
@@ -273,14 +273,14 @@ static void an_offence_costs_its_own_connection_only(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client viewer;
+    struct test_client viewer;
     struct protocol_picture h;
     struct server_counters before, after;
 
     client_watch(&viewer, s);
     for (size_t i = 0; i < sizeof(offences) / sizeof(offences[0]); i++) {
         const struct offence *o = &offences[i];
-        struct client c;
+        struct test_client c;
         server_counters(s, &before);
         produce_live(&c, s);
         o->commit(&c);
@@ -312,7 +312,7 @@ static void more_frames_than_credit_are_not_taken(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client c;
+    struct test_client c;
 
     produce_live(&c, s);
     too_many(&c);
@@ -330,7 +330,7 @@ static void only_producers_push_and_only_where_they_may(void **state)
 {
     (void)state;
     struct server *s = push_server(), *closed = server_start(NULL);
-    struct client c;
+    struct test_client c;
 
     client_greet(&c, s);
     frame_send(&c, 1);
@@ -370,7 +370,7 @@ static void a_frame_that_must_not_be_decoded_is_refused_and_the_connection_stays
     struct server *s = push_server();
     struct frame f = { 0 };
     struct server_ticket t;
-    struct client c;
+    struct test_client c;
 
     produce_live(&c, s);
     for (size_t i = 0; i < 4; i++) {
@@ -404,7 +404,7 @@ static void a_second_producer_waits_until_the_first_is_gone(void **state)
     (void)state;
     struct server *s = push_server();
     struct server_demand demand;
-    struct client first, second;
+    struct test_client first, second;
 
     produce_live(&first, s);
     server_demand(s, &demand);
@@ -427,7 +427,7 @@ static void a_producer_that_sends_pings_keeps_its_place(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client first, second;
+    struct test_client first, second;
 
     produce_live(&first, s);
     for (int i = 0; i < 11; i++) {
@@ -448,7 +448,7 @@ static void a_silent_producer_gives_way(void **state)
 {
     (void)state;
     struct server *s = push_server();
-    struct client first, second;
+    struct test_client first, second;
 
     produce_live(&first, s);
     for (int i = 0; i < 26; i++) { /* pings of WebSocket do not count (4.1.7) */
@@ -471,7 +471,7 @@ static void a_producer_that_vanishes_in_the_middle_leaves_nothing_behind(void **
     struct server *s = server_start(&desc);
     struct frame f = { 0 };
     struct server_ticket t;
-    struct client c;
+    struct test_client c;
     uint8_t head[PROTOCOL_ENVIRONMENT_BYTES];
     static uint8_t some[100000];
     const struct protocol_environment e = { .encoding = PROTOCOL_FILE_EXR, .payload = 200000000, .frame = 1 };
@@ -504,7 +504,7 @@ static void a_frame_that_never_completes_costs_its_connection(void **state)
     const struct server_desc desc = { .push = true, .frame_ms = 300 };
     struct server *s = server_start(&desc);
     uint8_t bytes[FRAME_SIZE];
-    struct client c;
+    struct test_client c;
 
     produce_live(&c, s);
     frame_make(1, bytes);
@@ -527,7 +527,7 @@ static void the_end_is_told_until_frames_come_again(void **state)
     struct server_demand demand = { 0 };
     struct frame f = { 0 };
     struct server_ticket t;
-    struct client c;
+    struct test_client c;
 
     produce_live(&c, s);
     client_say(&c, "{\"op\":\"end\"}");
@@ -556,7 +556,7 @@ static void every_role_has_its_own_token(void **state)
         struct server *s = server_start(&desc); /* each its own: ten wrong tokens would be too many */
         for (size_t token = 0; token < sizeof(tokens) / sizeof(tokens[0]); token++) {
             char text[200];
-            struct client c;
+            struct test_client c;
             client_open(&c, s);
             assert_int_equal(client_handshake(&c, NULL), 101);
             snprintf(text, sizeof(text),

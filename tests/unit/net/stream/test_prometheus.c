@@ -10,7 +10,7 @@
 static char *get(const struct server *s, const char *path, const char *extra, int wanted)
 {
     char request[512];
-    struct client c;
+    struct test_client c;
     char *body = NULL;
 
     client_open(&c, s);
@@ -62,7 +62,7 @@ static void metrics_count_what_was_sent(void **state)
     struct server *s = server_start(NULL);
     struct server_counters counters;
     struct protocol_picture h;
-    struct client c, silent;
+    struct test_client c, silent;
 
     client_watch(&c, s);
     client_open(&silent, s);
@@ -103,7 +103,7 @@ static void what_a_slow_viewer_skips_is_counted_as_such(void **state)
     (void)state;
     struct server *s = server_start(NULL);
     struct protocol_picture h;
-    struct client c;
+    struct test_client c;
 
     client_watch(&c, s);
     for (uint64_t frame = 1; frame <= 2; frame++) {

@@ -8,7 +8,7 @@ static void an_image_arrives_bit_for_bit(void **state)
     (void)state;
     static const size_t sizes[] = { 1, 100, 65456, 65536, 65537, 200000, 3000000 };
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
 
     client_watch(&c, s);
     for (size_t i = 0; i < sizeof(sizes) / sizeof(sizes[0]); i++) {
@@ -32,7 +32,7 @@ static void who_comes_late_gets_the_last_image_at_once(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
     struct protocol_picture h = { 0 };
 
     publish(s, 1, 1000);
@@ -51,7 +51,7 @@ static void no_more_than_two_images_are_under_way(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
     struct protocol_picture h = { 0 };
     struct server_counters counters;
 
@@ -80,7 +80,7 @@ static void an_ack_returns_the_credit_of_all_before_it(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
     struct protocol_picture h = { 0 };
 
     client_watch(&c, s);
@@ -105,7 +105,7 @@ static void acks_of_a_former_format_are_passed_over(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
     struct protocol_picture h = { 0 };
 
     client_watch(&c, s);
@@ -135,7 +135,7 @@ static void a_paused_viewer_gets_no_image_until_it_resumes(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
     struct protocol_picture h = { 0 };
     struct server_counters counters;
     struct server_demand demand;
@@ -170,7 +170,7 @@ static void a_viewer_gets_images_at_the_rate_it_asked_for(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
     struct protocol_picture h = { 0 };
     int got = 0;
 
@@ -200,7 +200,7 @@ static void a_pause_after_watching_counts_as_no_skip(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
     struct protocol_picture h = { 0 };
     struct server_counters counters;
 
@@ -227,7 +227,7 @@ static void an_ack_brings_the_next_image_without_waiting_for_a_status(void **sta
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
     struct protocol_picture h = { 0 };
     uint64_t last = 0;
     int at_once = 0;
@@ -255,7 +255,7 @@ static void an_image_held_back_by_its_rate_comes_without_waiting_for_a_status(vo
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
     struct protocol_picture h = { 0 };
     uint64_t last = 0;
     int at_once = 0;
@@ -283,7 +283,7 @@ static void who_has_not_subscribed_gets_words_only(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
 
     client_greet(&c, s);
     publish(s, 1, 500);
@@ -320,7 +320,7 @@ static void status_carries_what_it_was_given(void **state)
         .sky_time = "14:35",
     };
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
 
     client_greet(&c, s);
     server_set_figures(s, &status);
@@ -352,7 +352,7 @@ static void a_new_state_is_told_without_waiting_for_the_next_turn(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
     struct server_figures status = { .source = SERVER_LIVE };
     int at_once = 0;
 
@@ -383,7 +383,7 @@ static void all_are_told_when_the_server_goes(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c[8];
+    struct test_client c[8];
 
     for (int i = 0; i < 8; i++) {
         if (i % 3 == 0)
@@ -409,32 +409,32 @@ static void a_rate_says_when_the_next_image_is_due(void **state)
 {
     (void)state;
 
-    assert_int_equal(viewer_due(0, 10000000, 0.5), 12000000);
-    assert_int_equal(viewer_due(12000000, 12000000, 0.5), 14000000);
-    assert_int_equal(viewer_due(12000000, 12500000, 0.5), 14000000);
-    assert_int_equal(viewer_due(12000000, 14000000, 0.5), 16000000);
-    assert_int_equal(viewer_due(12000000, 13999999, 0.5), 14000000);
-    assert_int_equal(viewer_due(7, 12000000, 0.0), 7); /* any rate */
-    assert_int_equal(viewer_due(0, 1000000, 100.0), 1010000);
+    assert_int_equal(websocket_due(0, 10000000, 0.5), 12000000);
+    assert_int_equal(websocket_due(12000000, 12000000, 0.5), 14000000);
+    assert_int_equal(websocket_due(12000000, 12500000, 0.5), 14000000);
+    assert_int_equal(websocket_due(12000000, 14000000, 0.5), 16000000);
+    assert_int_equal(websocket_due(12000000, 13999999, 0.5), 14000000);
+    assert_int_equal(websocket_due(7, 12000000, 0.0), 7); /* any rate */
+    assert_int_equal(websocket_due(0, 1000000, 100.0), 1010000);
 }
 
 /* As many at once as the bucket holds; then one for each part of a second, and after a long pause no more than at
  * first. */
 static void messages_beyond_the_rate_are_too_fast(void **state)
 {
-    struct viewer v = { .tokens = STREAM_BURST, .tokens_us = 5000000 };
+    struct bucket messages = { STREAM_BURST, 5000000 };
     int64_t now = 5000000;
     (void)state;
 
     for (int turn = 0; turn < 2; turn++, now += 1000000000) {
         for (int i = 0; i < (int)STREAM_BURST; i++)
-            assert_false(viewer_too_fast(&v, now));
-        assert_true(viewer_too_fast(&v, now));
+            assert_true(bucket_take(&messages, STREAM_BURST, STREAM_RATE, now));
+        assert_false(bucket_take(&messages, STREAM_BURST, STREAM_RATE, now));
         now += (int64_t)(1e6 / STREAM_RATE) - 1000;
-        assert_true(viewer_too_fast(&v, now));
+        assert_false(bucket_take(&messages, STREAM_BURST, STREAM_RATE, now));
         now += 1001;
-        assert_false(viewer_too_fast(&v, now));
-        assert_true(viewer_too_fast(&v, now));
+        assert_true(bucket_take(&messages, STREAM_BURST, STREAM_RATE, now));
+        assert_false(bucket_take(&messages, STREAM_BURST, STREAM_RATE, now));
     }
 }
 

@@ -17,7 +17,7 @@ struct answer {
 /* One request with these further header lines, and the whole answer. */
 static void ask(const struct server *s, const char *method, const char *path, const char *lines, struct answer *a)
 {
-    struct client c;
+    struct test_client c;
     char request[1024];
 
     snprintf(request, sizeof(request), "%s %s HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n%s\r\n", method, path,
@@ -80,7 +80,7 @@ static void snapshot_waits_for_an_image_of_the_present_frame(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
 
     publish(s, 1, 1000);
     server_begin_image(s);
@@ -98,7 +98,7 @@ static void one_connection_may_ask_again(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
 
     publish(s, 1, 500);
     client_open(&c, s);
@@ -154,7 +154,7 @@ static void a_server_that_leaves_says_so(void **state)
     (void)state;
     struct server *s = server_start(NULL);
     struct server_counters before = { .bytes = 0 }, now;
-    struct client viewer;
+    struct test_client viewer;
     struct answer a;
 
     publish(s, 1, 500);
@@ -208,7 +208,7 @@ static void token_is_taken_as_bearer_or_password(void **state)
 
 /* ---- Streams ---- */
 
-static void open_stream(struct client *c, const struct server *s, const char *path)
+static void open_stream(struct test_client *c, const struct server *s, const char *path)
 {
     char request[256];
 
@@ -219,7 +219,7 @@ static void open_stream(struct client *c, const struct server *s, const char *pa
 }
 
 /* The end of the header of the next part, which stays in c->in; NULL: none came. */
-static char *await_head(struct client *c)
+static char *await_head(struct test_client *c)
 {
     for (;;) {
         for (size_t i = 0; i + 4 <= c->in_size && i < 300; i++)
@@ -231,7 +231,7 @@ static char *await_head(struct client *c)
 }
 
 /* The next part whole: its first byte, and its size in *size; -1: none came. */
-static int next_part(struct client *c, size_t *size)
+static int next_part(struct test_client *c, size_t *size)
 {
     static const char head[] = "--relightd\r\nContent-Type: image/jpeg\r\nContent-Length: ";
     const char *end = await_head(c);
@@ -255,7 +255,7 @@ static void stream_brings_every_image_to_who_reads(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
     size_t size;
 
     publish(s, 1, 100000);
@@ -274,7 +274,7 @@ static void a_slow_stream_skips_to_the_newest_and_delays_nobody(void **state)
     (void)state;
     struct server *s = server_start(NULL);
     struct server_counters counters;
-    struct client slow, healthy;
+    struct test_client slow, healthy;
     long before = 0;
     size_t size;
     int parts = 0;
@@ -309,7 +309,7 @@ static void what_a_stream_sends_is_not_kept(void **state)
     (void)state;
     struct server *s = server_start(NULL);
     static uint8_t junk[1 << 16];
-    struct client c;
+    struct test_client c;
     size_t size;
 
     publish(s, 1, 1000);
@@ -349,7 +349,7 @@ static void streams_count_as_viewers_until_they_close(void **state)
     (void)state;
     const struct server_desc desc = { .max_connections = 3, .max_per_address = 2 };
     struct server *s = server_start(&desc);
-    struct client c[2], viewer;
+    struct test_client c[2], viewer;
     struct answer a;
 
     publish(s, 1, 1000);
@@ -374,7 +374,7 @@ static void streams_end_with_the_server(void **state)
 {
     (void)state;
     struct server *s = server_start(NULL);
-    struct client c;
+    struct test_client c;
     size_t size;
 
     publish(s, 1, 1000);
@@ -398,7 +398,7 @@ static void publish_rendition(struct server *s, unsigned slot, uint64_t serial, 
 }
 
 /* Sends a request and waits until its rendition is wanted, in a slot other than `not`. */
-static unsigned open_rendition(struct client *c, struct server *s, const char *path, uint32_t width, unsigned not,
+static unsigned open_rendition(struct test_client *c, struct server *s, const char *path, uint32_t width, unsigned not,
                                struct server_rendition *out)
 {
     struct server_demand d = { 0 };
@@ -426,7 +426,7 @@ static void other_formats_and_widths_are_asked_of_the_encoder(void **state)
     struct server *s = server_start(NULL);
     struct server_rendition png, small;
     struct server_demand d;
-    struct client c, w;
+    struct test_client c, w;
 
     publish(s, 1, 1000);
     const unsigned slot = open_rendition(&c, s, "/snapshot.png", 0, SERVER_RENDITIONS, &png);
@@ -457,7 +457,7 @@ static void widths_at_once_are_limited_and_come_free(void **state)
     (void)state;
     struct server *s = server_start(NULL);
     struct server_rendition r[SERVER_RENDITIONS];
-    struct client c[SERVER_RENDITIONS], same;
+    struct test_client c[SERVER_RENDITIONS], same;
     struct answer a;
     char path[64];
 
@@ -549,7 +549,7 @@ static void who_takes_no_bytes_is_given_up_by_name(void **state)
 {
     (void)state;
     struct server_counters counters;
-    struct client viewer, watcher;
+    struct test_client viewer, watcher;
 
     log_divert(keep_line);
     struct server *s = server_start(NULL);
