@@ -5,6 +5,7 @@
 #include "base/mem.h"
 #include "image/codec/exr_write.h"
 #include "image/codec/png_write.h"
+#include "image/film/scale.h"
 
 #include <math.h>
 #include <omp.h>
@@ -58,25 +59,24 @@ static double encode_jpeg(struct encode_thread *t, struct shaded *in, const uint
     return ms;
 }
 
-/* Makes t->display[scale], half or a quarter of the size: means of 2 x 2 or 4 x 4 linear pixels, then the tone curve.
- * Drops an incomplete block at the border. Returns the milliseconds spent. */
-static double make_small_display(struct encode_thread *t, const struct shaded *in, unsigned scale)
+void encode_display(struct encode_thread *t, const struct shaded *in, const float *rgb, uint32_t width, uint32_t height,
+                    uint8_t *display)
 {
     const struct tone_desc tone = { in->header.gain, display_settings(t, in).tone,
                                     t->shared->config.setup.kernels->level };
-    const uint32_t width = in->header.width, block = 1u << scale, w = width >> scale, h = in->header.height >> scale;
+
+    tone_map(rgb, width, height, &tone, display);
+}
+
+/* Makes t->display[scale], half or a quarter of the size. Returns the milliseconds spent. */
+static double make_small_display(struct encode_thread *t, const struct shaded *in, unsigned scale)
+{
+    const uint32_t w = in->header.width >> scale, h = in->header.height >> scale;
     const double start = clock_seconds();
 
-    for (uint32_t y = 0; y < h; y++)
-        for (uint32_t x = 0; x < 3 * w; x++) {
-            float sum = 0.0f;
-            for (uint32_t j = 0; j < block; j++)
-                for (uint32_t i = 0; i < block; i++)
-                    sum += in->rgb[3 * ((size_t)(block * y + j) * width + block * (x / 3) + i) + x % 3];
-            t->small[3 * (size_t)w * y + x] = sum / (float)(block * block);
-        }
     if (w > 0 && h > 0) {
-        tone_map(t->small, w, h, &tone, t->display[scale]);
+        scale_linear(in->rgb, in->header.width, in->header.height, t->small, w, h);
+        encode_display(t, in, t->small, w, h, t->display[scale]);
         t->display_valid |= 1u << scale;
     }
     return 1e3 * (clock_seconds() - start);
@@ -170,11 +170,9 @@ static void encode_changes(struct encode_thread *t, const struct shaded *in)
  * spent. */
 static double make_display(struct encode_thread *t, const struct shaded *in)
 {
-    const struct tone_desc tone = { in->header.gain, display_settings(t, in).tone,
-                                    t->shared->config.setup.kernels->level };
     const double start = clock_seconds();
 
-    tone_map(in->rgb, in->header.width, in->header.height, &tone, t->display[0]);
+    encode_display(t, in, in->rgb, in->header.width, in->header.height, t->display[0]);
     t->current = in->header;
     t->current.format = PROTOCOL_JPEG;
     t->display_valid = 1;
@@ -310,8 +308,7 @@ enum err encode_thread_create(struct shared *shared, struct encode_thread **out,
         exposure_init(&t->exposure);
         t->jpeg = jpeg_encoder_create();
         t->small = mem_alloc(pixels / 4 + 1, 3 * sizeof(float));
-        t->scaler = scaler_create();
-        ok = t->jpeg && t->small && t->scaler;
+        ok = t->jpeg && t->small;
     }
     for (int scale = 0; scale < SERVER_SCALES && ok; scale++) {
         t->display[scale] = mem_alloc((pixels >> 2 * scale) + 1, 3);
@@ -342,6 +339,5 @@ void encode_thread_destroy(struct encode_thread *t)
     for (int scale = 0; scale < SERVER_SCALES; scale++)
         mem_free(t->display[scale]);
     mem_free(t->small);
-    scaler_destroy(t->scaler);
     mem_free(t);
 }

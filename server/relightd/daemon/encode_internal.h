@@ -6,7 +6,6 @@
 
 #include "image/codec/jpeg.h"
 #include "image/film/film.h"
-#include "image/film/scale.h"
 #include "image/video/h264.h"
 
 #include <pthread.h>
@@ -38,9 +37,8 @@ struct encode_thread {
     unsigned sent_exr;               /* bits 1 << enum protocol_format: published as EXR */
     float *small;                    /* scratch, float[height / 2][width / 2][3] */
 
-    struct scaler *scaler;
     uint64_t rendered[SERVER_RENDITIONS]; /* serials of the current image's published renditions */
-    double refiner_due_s;                   /* no single images before this time (clock_seconds) */
+    double refiner_due_s;                 /* no single images before this time (clock_seconds) */
 
     pthread_t thread;
     bool running;
@@ -52,10 +50,14 @@ struct encode_thread {
  * for all functions below. */
 void encode_publish(struct encode_thread *t, struct shaded *in, unsigned track, const uint8_t *bytes, size_t size);
 
+/* Makes the pixels to be shown of the image `in` from its linear ones, or from those of a smaller version. */
+void encode_display(struct encode_thread *t, const struct shaded *in, const float *rgb, uint32_t width, uint32_t height,
+                    uint8_t *display);
+
 /* ---- encode_rendition.c ---- */
 
 /* Publishes the missing renditions of the current image that are in demand. in->rgb NULL: the linear image is gone.
- * Returns false if a rendition needs it. */
+ * Returns false if a rendition needs it, of another width or as EXR. */
 bool renditions_encode(struct encode_thread *t, const struct shaded *in, const struct server_demand *demand,
                        int quality);
 

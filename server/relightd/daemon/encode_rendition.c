@@ -5,38 +5,43 @@
 #include "base/mem.h"
 #include "image/codec/exr_write.h"
 #include "image/codec/png_write.h"
+#include "image/film/scale.h"
 
 #define REFINE_SHARE 0.25 /* of this thread's time, at most, for single images: viewers need the rest */
 
-/* The image at the rendition's size; rgb or srgb is set. */
+/* The image at the rendition's size. */
 struct sized {
     uint32_t width, height;
     const float *rgb;
     const uint8_t *srgb;
-    void *scratch; /* to free */
+    float *scratch; /* to free */
 };
+
+static bool is_smaller(const struct server_rendition *r, const struct shaded *in)
+{
+    return r->width > 0 && r->width < in->header.width;
+}
 
 /* False: out of memory. */
 static bool resize(struct encode_thread *t, const struct shaded *in, const struct server_rendition *r,
                    struct sized *out)
 {
     const uint32_t width = in->header.width, height = in->header.height;
-    const bool exr = r->image == SERVER_EXR;
 
-    *out = (struct sized){ width, height, exr ? in->rgb : NULL, exr ? NULL : t->display[0], NULL };
-    if (r->width == 0 || r->width >= width)
+    *out = (struct sized){ width, height, in->rgb, t->display[0], NULL };
+    if (!is_smaller(r, in))
         return true;
     out->width = r->width;
     out->height = scale_height(width, height, r->width);
-    out->scratch = mem_alloc_raw((size_t)out->width * out->height, exr ? 3 * sizeof(float) : 3);
+    const size_t count = 3 * (size_t)out->width * out->height;
+    out->scratch = mem_alloc_raw(count, sizeof(float) + 1); /* the linear pixels, and behind them those to be shown */
     if (!out->scratch)
         return false;
-    if (exr)
-        scale_linear(in->rgb, width, height, out->scratch, out->width, out->height);
-    else
-        scale_srgb(t->scaler, t->display[0], width, height, out->scratch, out->width, out->height);
-    out->rgb = exr ? out->scratch : NULL;
-    out->srgb = exr ? NULL : out->scratch;
+    uint8_t *shown = (uint8_t *)(out->scratch + count);
+    scale_linear(in->rgb, width, height, out->scratch, out->width, out->height);
+    encode_display(t, in, out->scratch, out->width, out->height, shown);
+    out->rgb = out->scratch;
+    out->srgb = shown;
     return true;
 }
 
@@ -97,7 +102,7 @@ bool renditions_encode(struct encode_thread *t, const struct shaded *in, const s
         if (r->image == SERVER_NO_IMAGE || t->rendered[k] == r->serial ||
             (r->still && clock_seconds() < t->refiner_due_s))
             continue;
-        if (r->image == SERVER_EXR && !in->rgb)
+        if (!in->rgb && (r->image == SERVER_EXR || is_smaller(r, in)))
             all = false;
         else if (t->display_valid & 1)
             publish(t, in, k, r, quality);
