@@ -1,26 +1,24 @@
-#define _GNU_SOURCE /* memfd_create, fallocate */
+#define _GNU_SOURCE /* fallocate */
 #include "import/decoder/internal.h"
 
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "import/decoder/video.h"
 
-#include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <sys/socket.h>
 #include <time.h>
 #include <sys/wait.h>
-#include <unistd.h>
 
 #define PROGRAM "relight-decoder"
 #define VIDEO_PROGRAM "relight-video"
 #define FILE_BYTES ((size_t)256 << 20)
 #define MEMORY_BYTES ((size_t)512 << 20)
 #define VIDEO_MEMORY_BYTES ((size_t)3 << 30) /* decoders of 8K video keep 16 reference images of up to 100 MB */
-#define IMAGE_BYTES                                                                                                  \
+#define IMAGE_BYTES                                                                                                    \
     (3 * sizeof(float) * IMAGE_MAX_TEXELS) /* address space; pages that no image has used take no memory */
 #define KEPT_BYTES ((size_t)64 << 20)      /* shared memory that is kept although the current contents are smaller */
 #define SPARED 2                           /* consecutive crashes after which the process is still restarted at once */
@@ -30,42 +28,15 @@ enum { PATIENCE_MS = 10000, WAIT_MIN_MS = 250, WAIT_MAX_MS = 5000 };
 
 /* ---- The process ---- */
 
-/* Creates shared memory as a descriptor and maps it. */
-static enum err share(struct shared *s, const char *name, size_t bytes, int protection, struct reason *why)
-{
-    s->fd = memfd_create(name, MFD_CLOEXEC);
-    if (s->fd < 0 || ftruncate(s->fd, (off_t)bytes) != 0)
-        return err_say(why, ERR_IO, "cannot share memory with " PROGRAM ": %s", strerror(errno));
-    void *at = mmap(NULL, bytes, protection, MAP_SHARED, s->fd, 0);
-    if (at == MAP_FAILED)
-        return err_say(why, ERR_NOMEM, "out of memory for %zu bytes shared with " PROGRAM, bytes);
-    s->at = at;
-    s->bytes = bytes;
-    return ERR_OK;
-}
-
-static void shared_finish(struct shared *s)
-{
-    if (s->at)
-        munmap(s->at, s->bytes);
-    if (s->fd >= 0)
-        close(s->fd);
-}
-
 /* Returns memory to the system that only much larger contents needed; keeps KEPT_BYTES. */
-void decoder_trim(struct shared *s, size_t bytes)
+void decoder_trim(struct child_memory *m, size_t bytes)
 {
     const size_t kept = bytes > KEPT_BYTES ? bytes : KEPT_BYTES;
 
-    if (s->used / 4 > kept &&
-        fallocate(s->fd, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, (off_t)kept, (off_t)(s->bytes - kept)) == 0)
-        s->used = kept;
-    s->used = s->used > bytes ? s->used : bytes;
-}
-
-static enum child_receipt receive(struct decoder *d, void *message, size_t size)
-{
-    return child_receive(&d->child, message, size, clock_ms() + d->timeout_ms, d->stop);
+    if (m->used / 4 > kept &&
+        fallocate(m->fd, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, (off_t)kept, (off_t)(m->bytes - kept)) == 0)
+        m->used = kept;
+    m->used = m->used > bytes ? m->used : bytes;
 }
 
 static enum err start(struct decoder *d, struct reason *why)
@@ -74,22 +45,13 @@ static enum err start(struct decoder *d, struct reason *why)
     char *const arguments[] = { d->video ? (char[]){ VIDEO_PROGRAM } : (char[]){ PROGRAM }, file, picture, memory,
                                 NULL };
     const int descriptors[] = { d->file.fd, d->picture.fd }; /* in the order of wire.h */
-    struct wire_hello hello = { 0 };
 
     snprintf(file, sizeof(file), "%zu", d->file_bytes);
     snprintf(picture, sizeof(picture), "%zu", IMAGE_BYTES);
     snprintf(memory, sizeof(memory), "%zu", d->memory_bytes);
-    const enum err e = child_start(&d->child, d->program, arguments, descriptors, 2, why);
-    if (e)
-        return e;
     atomic_fetch_add(&d->starts, 1);
     d->streaming = false;
-    if (receive(d, &hello, sizeof(hello)) != CHILD_RECEIVED || hello.magic != WIRE_MAGIC) {
-        child_end(&d->child);
-        return err_say(why, ERR_IO, "%.200s: is not the " PROGRAM " of this version", d->program);
-    }
-    d->confined = hello.confined == 1;
-    return ERR_OK;
+    return child_start(&d->child, d->program, arguments, descriptors, 2, clock_ms() + d->timeout_ms, d->stop, why);
 }
 
 /* ---- One file ---- */
@@ -108,8 +70,8 @@ static void count_crash(struct decoder *d)
 }
 
 /* The process has ended with `status`. */
-enum err decoder_report_crash(struct decoder *d, enum child_receipt receipt, int status, const char *name,
-                              struct reason *why)
+static enum err report_crash(struct decoder *d, enum child_receipt receipt, int status, const char *name,
+                             struct reason *why)
 {
     char death[64];
 
@@ -146,32 +108,8 @@ void decoder_take_texels(const struct decoder *d, struct image *im)
     }
 }
 
-static enum err take_answer(struct decoder *d, struct wire_answer *a, const char *name, struct image *im,
-                            struct reason *why)
-{
-    if (a->magic != WIRE_MAGIC || a->result < ERR_OK || a->result >= ERR_END || a->layout > LAYOUT_LAST)
-        return decoder_report_invalid(d, name, why);
-    d->crashes_in_row = 0;
-    if (a->result != ERR_OK) {
-        char text[sizeof(a->why.text)];
-        return err_say(why, (enum err)a->result, "%s",
-                       decode_printable(a->why.text, sizeof(a->why.text), text, sizeof(text)));
-    }
-    const enum err e = image_resize(im, a->width, a->height);
-    if (e == ERR_RANGE)
-        return decoder_report_invalid(d, name, why);
-    if (e)
-        return err_say(why, e, "%s: out of memory for %ux%u texels", name, a->width, a->height);
-    im->layout = (enum layout)a->layout;
-    im->faults = (struct image_faults){ a->nan, a->infinite, a->negative, a->clipped };
-    im->low_range = a->low_range == 1;
-    decoder_take_texels(d, im);
-    decoder_trim(&d->picture, 3 * sizeof(float) * (size_t)im->width * im->height);
-    return ERR_OK;
-}
-
 /* Returns a running process, starting one if necessary. */
-enum err decoder_ready(struct decoder *d, const char *name, struct reason *why)
+static enum err make_ready(struct decoder *d, const char *name, struct reason *why)
 {
     struct reason cause;
     clockid_t its;
@@ -196,17 +134,65 @@ enum err decoder_ready(struct decoder *d, const char *name, struct reason *why)
     return ERR_OK;
 }
 
-/* Sends the file and waits for the answer. *idle: the process had ended before it had the file, or was killed from
- * outside: neither is the file's fault. Without an answer the process has ended, and *status is waitpid's. */
-enum child_receipt decoder_ask(struct decoder *d, const struct wire_request *q, struct wire_answer *a, int *status,
-                               bool *idle)
+/* Sends the request and waits for the answer. *idle: the process had ended before it had the request, or was killed
+ * from outside: neither is the request's fault. Without an answer the process has ended, and *status is waitpid's. */
+static enum child_receipt ask(struct decoder *d, const struct wire_request *q, struct wire_answer *a, int *status,
+                              bool *idle)
 {
-    const bool sent = send(d->child.socket, q, sizeof(*q), MSG_NOSIGNAL) == (ssize_t)sizeof(*q);
-    const enum child_receipt receipt = sent ? receive(d, a, sizeof(*a)) : CHILD_GONE;
+    const bool sent = child_send(&d->child, q, sizeof(*q));
+    const enum child_receipt receipt =
+        sent ? child_receive(&d->child, a, sizeof(*a), clock_ms() + d->timeout_ms, d->stop) : CHILD_GONE;
 
     *status = receipt == CHILD_RECEIVED ? 0 : child_end(&d->child);
     *idle = receipt == CHILD_GONE && (!sent || (WIFSIGNALED(*status) && WTERMSIG(*status) == SIGKILL));
     return receipt;
+}
+
+/* A process that can take the request, which lies beside it. */
+static enum err prepare(struct decoder *d, const struct wire_request *q, const uint8_t *bytes, struct reason *why)
+{
+    const bool begins = q->kind == WIRE_IMAGE || q->kind == WIRE_STREAM; /* else it goes on with what the process has */
+    const enum err e = begins || video_is_open(d) ? make_ready(d, q->name, why) : ERR_OK;
+
+    if (e)
+        return e;
+    if (!begins && !video_is_open(d)) /* perhaps only since make_ready has replaced the process */
+        return err_say(why, ERR_FORMAT, "%s: the decoder was restarted", q->name);
+    if (bytes && q->size > 0)
+        memcpy(d->file.at, bytes, q->size);
+    decoder_trim(&d->file, q->size);
+    return ERR_OK;
+}
+
+enum err decoder_exchange(struct decoder *d, const struct wire_request *q, const uint8_t *bytes, struct wire_answer *a,
+                          struct reason *why)
+{
+    char text[sizeof(a->why.text)];
+    int status;
+    bool idle;
+
+    if (q->size > d->file_bytes)
+        return err_say(why, ERR_RANGE, "%s: larger than %zu bytes", q->name, d->file_bytes);
+    enum err e = prepare(d, q, bytes, why);
+    if (e)
+        return e;
+    enum child_receipt receipt = ask(d, q, a, &status, &idle);
+    if (idle && q->kind == WIRE_IMAGE) { /* once more, with a new process */
+        atomic_fetch_add(&d->crashed, 1);
+        e = prepare(d, q, bytes, why);
+        if (e)
+            return e;
+        receipt = ask(d, q, a, &status, &idle);
+    }
+    if (receipt == CHILD_GARBLED || (receipt == CHILD_RECEIVED && (a->result < ERR_OK || a->result >= ERR_END)))
+        return decoder_report_invalid(d, q->name, why);
+    if (receipt != CHILD_RECEIVED)
+        return report_crash(d, receipt, status, q->name, why);
+    d->crashes_in_row = 0;
+    if (a->result == ERR_OK)
+        return ERR_OK;
+    return err_say(why, (enum err)a->result, "%s",
+                   decode_printable(a->why.text, sizeof(a->why.text), text, sizeof(text)));
 }
 
 enum err decoder_decode(void *context, const uint8_t *bytes, size_t size, const char *name, struct image *im,
@@ -215,28 +201,23 @@ enum err decoder_decode(void *context, const uint8_t *bytes, size_t size, const 
     struct decoder *d = context;
     struct wire_request q = { .magic = WIRE_MAGIC, .max_side = im->max_side, .size = size };
     struct wire_answer a;
-    int status;
-    bool idle;
 
     atomic_fetch_add(&d->files, 1);
-    if (size > d->file_bytes)
-        return err_say(why, ERR_RANGE, "%s: larger than %zu bytes", name, d->file_bytes);
-    enum err e = decoder_ready(d, name, why);
+    snprintf(q.name, sizeof(q.name), "%s", name);
+    enum err e = decoder_exchange(d, &q, bytes, &a, why);
     if (e)
         return e;
-    snprintf(q.name, sizeof(q.name), "%s", name);
-    memcpy(d->file.at, bytes, size);
-    decoder_trim(&d->file, size);
-    enum child_receipt receipt = decoder_ask(d, &q, &a, &status, &idle);
-    if (idle) { /* once more, with a new process */
-        atomic_fetch_add(&d->crashed, 1);
-        e = decoder_ready(d, name, why);
-        if (e)
-            return e;
-        receipt = decoder_ask(d, &q, &a, &status, &idle);
-    }
-    return receipt == CHILD_RECEIVED ? take_answer(d, &a, name, im, why)
-                                     : decoder_report_crash(d, receipt, status, name, why);
+    e = a.layout > LAYOUT_LAST ? ERR_RANGE : image_resize(im, a.width, a.height);
+    if (e == ERR_RANGE)
+        return decoder_report_invalid(d, name, why);
+    if (e)
+        return err_say(why, e, "%s: out of memory for %ux%u texels", name, a.width, a.height);
+    im->layout = (enum layout)a.layout;
+    im->faults = (struct image_faults){ a.nan, a.infinite, a.negative, a.clipped };
+    im->low_range = a.low_range == 1;
+    decoder_take_texels(d, im);
+    decoder_trim(&d->picture, 3 * sizeof(float) * (size_t)im->width * im->height);
+    return ERR_OK;
 }
 
 /* ---- Creation and statistics ---- */
@@ -255,9 +236,9 @@ enum err decoder_create(const struct decoder_desc *desc, struct decoder **out, s
     d->stop = desc->stop;
     enum err e = child_find(desc->video ? VIDEO_PROGRAM : PROGRAM, desc->program, d->program, sizeof(d->program), why);
     if (!e)
-        e = share(&d->file, "relight-file", d->file_bytes, PROT_READ | PROT_WRITE, why);
+        e = child_share(&d->file, "relight-file", PROGRAM, d->file_bytes, PROT_READ | PROT_WRITE, why);
     if (!e)
-        e = share(&d->picture, "relight-picture", IMAGE_BYTES, PROT_READ, why);
+        e = child_share(&d->picture, "relight-picture", PROGRAM, IMAGE_BYTES, PROT_READ, why);
     if (!e)
         e = start(d, why);
     if (e) {
@@ -273,14 +254,14 @@ void decoder_destroy(struct decoder *d)
     if (!d)
         return;
     child_end(&d->child);
-    shared_finish(&d->file);
-    shared_finish(&d->picture);
+    child_unshare(&d->file);
+    child_unshare(&d->picture);
     mem_free(d);
 }
 
 bool decoder_is_confined(const struct decoder *d)
 {
-    return d->confined;
+    return d->child.unconfined == 0;
 }
 
 void decoder_counts(const struct decoder *d, struct decoder_counts *out)

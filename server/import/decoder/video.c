@@ -2,46 +2,11 @@
 
 #include "import/decoder/internal.h"
 
-#include <inttypes.h>
 #include <stdio.h>
-#include <string.h>
 
 bool video_is_open(const struct decoder *d)
 {
     return d->child.pid != 0 && d->streaming;
-}
-
-/* Sends the request with `size` bytes beside it. On ERR_OK *a is a valid answer. */
-static enum err exchange(struct decoder *d, struct wire_request *q, const uint8_t *bytes, struct wire_answer *a,
-                         struct reason *why)
-{
-    char text[sizeof(a->why.text)];
-    int status;
-    bool idle;
-
-    if (q->size > d->file_bytes)
-        return err_say(why, ERR_RANGE, "%s: a packet of %" PRIu64 " bytes; the limit is %zu", q->name, q->size,
-                       d->file_bytes);
-    if (q->kind != WIRE_STREAM && !video_is_open(d))
-        return err_say(why, ERR_FORMAT, "%s: the decoder was restarted", q->name);
-    const enum err e = decoder_ready(d, q->name, why);
-    if (e)
-        return e;
-    if (q->kind != WIRE_STREAM && !d->streaming) /* decoder_ready has replaced the process */
-        return err_say(why, ERR_FORMAT, "%s: the decoder was restarted", q->name);
-    if (bytes && q->size > 0)
-        memcpy(d->file.at, bytes, q->size);
-    decoder_trim(&d->file, q->size);
-    const enum child_receipt receipt = decoder_ask(d, q, a, &status, &idle);
-    if (receipt != CHILD_RECEIVED)
-        return decoder_report_crash(d, receipt, status, q->name, why);
-    if (a->magic != WIRE_MAGIC || a->result < ERR_OK || a->result >= ERR_END)
-        return decoder_report_invalid(d, q->name, why);
-    d->crashes_in_row = 0;
-    if (a->result == ERR_OK)
-        return ERR_OK;
-    return err_say(why, (enum err)a->result, "%s",
-                   decode_printable(a->why.text, sizeof(a->why.text), text, sizeof(text)));
 }
 
 static void begin(struct wire_request *q, enum wire_kind kind, const struct video_desc *desc)
@@ -61,18 +26,22 @@ enum err video_open(struct decoder *d, const struct video_desc *desc, struct rea
     q.transfer = desc->colour.transfer;
     q.peak_cdm2 = desc->colour.peak_cdm2;
     d->streaming = false;
-    const enum err e = exchange(d, &q, desc->extra, &a, why);
+    const enum err e = decoder_exchange(d, &q, desc->extra, &a, why);
     d->streaming = !e;
     return e;
 }
 
-static enum err ask_image(struct decoder *d, struct wire_request *q, const uint8_t *bytes, struct video_image *out,
-                            struct reason *why)
+static enum err ask_image(struct decoder *d, enum wire_kind kind, const struct video_desc *desc, const uint8_t *bytes,
+                          size_t size, int64_t time_us, struct video_image *out, struct reason *why)
 {
+    struct wire_request q;
     struct wire_answer a;
 
     *out = (struct video_image){ .time_us = VIDEO_NO_TIME };
-    const enum err e = exchange(d, q, bytes, &a, why);
+    begin(&q, kind, desc);
+    q.size = size;
+    q.time_us = time_us;
+    const enum err e = decoder_exchange(d, &q, bytes, &a, why);
     if (!e)
         *out = (struct video_image){ a.picture == 1, a.time_us };
     return e;
@@ -81,28 +50,17 @@ static enum err ask_image(struct decoder *d, struct wire_request *q, const uint8
 enum err video_packet(struct decoder *d, const struct video_desc *desc, const uint8_t *bytes, size_t size,
                       int64_t time_us, struct video_image *out, struct reason *why)
 {
-    struct wire_request q;
-
-    begin(&q, WIRE_PACKET, desc);
-    q.size = size;
-    q.time_us = time_us;
-    return ask_image(d, &q, bytes, out, why);
+    return ask_image(d, WIRE_PACKET, desc, bytes, size, time_us, out, why);
 }
 
 enum err video_next(struct decoder *d, const struct video_desc *desc, struct video_image *out, struct reason *why)
 {
-    struct wire_request q;
-
-    begin(&q, WIRE_NEXT, desc);
-    return ask_image(d, &q, NULL, out, why);
+    return ask_image(d, WIRE_NEXT, desc, NULL, 0, 0, out, why);
 }
 
 enum err video_drain(struct decoder *d, const struct video_desc *desc, struct video_image *out, struct reason *why)
 {
-    struct wire_request q;
-
-    begin(&q, WIRE_DRAIN, desc);
-    return ask_image(d, &q, NULL, out, why);
+    return ask_image(d, WIRE_DRAIN, desc, NULL, 0, 0, out, why);
 }
 
 enum err video_flush(struct decoder *d, const struct video_desc *desc, struct reason *why)
@@ -111,7 +69,7 @@ enum err video_flush(struct decoder *d, const struct video_desc *desc, struct re
     struct wire_answer a;
 
     begin(&q, WIRE_FLUSH, desc);
-    return exchange(d, &q, NULL, &a, why);
+    return decoder_exchange(d, &q, NULL, &a, why);
 }
 
 enum err video_convert(struct decoder *d, const struct video_desc *desc, struct frame *f, struct video_state *out,
@@ -121,7 +79,7 @@ enum err video_convert(struct decoder *d, const struct video_desc *desc, struct 
     struct wire_answer a;
 
     begin(&q, WIRE_CONVERT, desc);
-    enum err e = exchange(d, &q, NULL, &a, why);
+    enum err e = decoder_exchange(d, &q, NULL, &a, why);
     if (e)
         return e;
     struct image im = { .max_side = desc->max_side };

@@ -1,22 +1,14 @@
-/* Messages between relightd and relight-decoder over a seqpacket socket. File bytes and texels are exchanged through
+/* Messages between relightd and relight-decoder (import/sandbox/wire.h). File bytes and texels are exchanged through
  * two blocks of shared memory. Private to this room. */
 #pragma once
 
 #include "base/err.h"
 #include "image/codec/stream_format.h"
+#include "import/sandbox/wire.h"
 
 #include <stdint.h>
 
-#define WIRE_MAGIC 0x524c4433u /* differs between incompatible builds */
-
-enum { WIRE_SOCKET = 3, WIRE_FILE = 4, WIRE_PICTURE = 5 }; /* descriptors that the process starts with */
-
-struct wire_hello {
-    uint32_t magic;
-    uint32_t confined; /* 1: seccomp is active */
-    int32_t error;     /* errno if it is not */
-    uint32_t zero;
-};
+enum { WIRE_FILE = WIRE_SOCKET + 1, WIRE_PICTURE }; /* descriptors that the process starts with */
 
 enum wire_kind {
     WIRE_IMAGE,   /* decode a file */

@@ -1,4 +1,3 @@
-#define _GNU_SOURCE /* memfd_create */
 #include "import/demux/demux.h"
 
 #include "base/clock.h"
@@ -13,7 +12,6 @@
 #include <string.h>
 #include <strings.h>
 #include <sys/mman.h>
-#include <sys/socket.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -24,8 +22,7 @@
 struct demux {
     char name[256];
     struct child child;
-    int memory;
-    uint8_t *bytes;
+    struct child_memory packet;
     uint32_t timeout_ms;
     const atomic_bool *stop;
     bool requested;            /* a packet was requested and has not come yet */
@@ -160,30 +157,19 @@ static enum err start(struct demux *d, const struct demux_desc *desc, bool is_fi
     enum err e = child_find(PROGRAM, desc->program, program, sizeof(program), why);
     if (!e && is_file)
         e = open_input(desc->spec, &input, why);
-    const int descriptors[] = { d->memory, input }; /* in the order of wire.h */
+    const int descriptors[] = { d->packet.fd, input }; /* in the order of wire.h */
     if (!e)
-        e = child_start(&d->child, program, arguments, descriptors, is_file ? 2 : 1, why);
+        e = child_start(&d->child, program, arguments, descriptors, is_file ? 2 : 1, clock_ms() + d->timeout_ms,
+                        d->stop, why);
     if (input >= 0)
         close(input);
     return e;
 }
 
-static enum err share(struct demux *d, struct reason *why)
-{
-    d->memory = memfd_create("relight-packet", MFD_CLOEXEC);
-    if (d->memory < 0 || ftruncate(d->memory, (off_t)MEMORY_BYTES) != 0)
-        return err_say(why, ERR_IO, "cannot share memory with " PROGRAM ": %s", strerror(errno));
-    void *at = mmap(NULL, MEMORY_BYTES, PROT_READ, MAP_SHARED, d->memory, 0);
-    if (at == MAP_FAILED)
-        return err_say(why, ERR_NOMEM, "out of memory for packets of %s", d->name);
-    d->bytes = at;
-    return ERR_OK;
-}
-
 static bool send_request(struct demux *d, const struct demux_request *q)
 {
     d->until_ms = clock_ms() + d->timeout_ms;
-    return send(d->child.socket, q, sizeof(*q), MSG_NOSIGNAL) == (ssize_t)sizeof(*q);
+    return child_send(&d->child, q, sizeof(*q));
 }
 
 /* Receives an answer to the last request until the time given. On ERR_OK it is valid. */
@@ -202,9 +188,9 @@ static enum err receive(struct demux *d, int64_t until_ms, struct demux_answer *
     case CHILD_GONE:
         return err_say(why, ERR_FORMAT, "%s: " PROGRAM " %s", d->name,
                        child_death(child_end(&d->child), death, sizeof(death)));
-    case CHILD_GARBLED: a->magic = 0; break;
+    case CHILD_GARBLED: a->result = -1; break;
     }
-    if (a->magic != DEMUX_MAGIC || a->result < ERR_OK || a->result > ERR_END || a->size > MEMORY_BYTES)
+    if (a->result < ERR_OK || a->result > ERR_END || a->size > MEMORY_BYTES)
         return err_say(why, ERR_FORMAT, "%s: " PROGRAM " is from another version", d->name);
     if (a->result == ERR_OK || a->result == ERR_END)
         return (enum err)a->result;
@@ -230,7 +216,7 @@ static void check_format(struct stream_format *f)
 
 static enum err ask_open(struct demux *d, const char *url, struct reason *why)
 {
-    struct demux_request q = { .magic = DEMUX_MAGIC, .ask = DEMUX_ASK_OPEN };
+    struct demux_request q = { .magic = WIRE_MAGIC, .ask = DEMUX_ASK_OPEN };
     bool quiet = true;
     enum err e = ERR_OK;
 
@@ -297,11 +283,11 @@ enum err demux_open(const struct demux_desc *desc, struct demux **out, struct re
     struct demux *d = e ? NULL : mem_alloc(1, sizeof(*d));
     if (!d)
         return e ? e : err_say(why, ERR_NOMEM, "out of memory");
-    d->memory = -1;
+    d->packet.fd = -1;
     d->timeout_ms = desc->timeout_ms ? desc->timeout_ms : PATIENCE_MS;
     d->stop = desc->stop;
     demux_name(desc->spec, d->name, sizeof(d->name));
-    e = share(d, why);
+    e = child_share(&d->packet, "relight-packet", PROGRAM, MEMORY_BYTES, PROT_READ, why);
     if (!e)
         e = start(d, desc, kind == DEMUX_FILE, why);
     if (!e)
@@ -319,10 +305,7 @@ void demux_close(struct demux *d)
     if (!d)
         return;
     child_end(&d->child);
-    if (d->bytes)
-        munmap(d->bytes, MEMORY_BYTES);
-    if (d->memory >= 0)
-        close(d->memory);
+    child_unshare(&d->packet);
     mem_free(d);
 }
 
@@ -338,7 +321,7 @@ enum err demux_next(struct demux *d, int wait_ms, struct demux_item *out, struct
         a = d->first;
         d->has_first = false;
     } else {
-        const struct demux_request q = { .magic = DEMUX_MAGIC, .ask = DEMUX_ASK_NEXT };
+        const struct demux_request q = { .magic = WIRE_MAGIC, .ask = DEMUX_ASK_NEXT };
         if (!d->requested && !send_request(d, &q))
             return err_say(why, ERR_IO, "%s: " PROGRAM " has ended", d->name);
         d->requested = true;
@@ -351,13 +334,13 @@ enum err demux_next(struct demux *d, int wait_ms, struct demux_item *out, struct
         return err_say(why, ERR_FORMAT, "%s: " PROGRAM " sent an invalid answer", d->name);
     if (a.kind == DEMUX_FORMAT)
         check_format(&a.format);
-    *out = (struct demux_item){ (enum demux_event)a.kind, a.format, d->bytes, a.size, a.time_us, a.key == 1 };
+    *out = (struct demux_item){ (enum demux_event)a.kind, a.format, d->packet.at, a.size, a.time_us, a.key == 1 };
     return ERR_OK;
 }
 
 enum err demux_seek(struct demux *d, int64_t time_us, struct reason *why)
 {
-    const struct demux_request q = { .magic = DEMUX_MAGIC, .ask = DEMUX_ASK_SEEK, .time_us = time_us };
+    const struct demux_request q = { .magic = WIRE_MAGIC, .ask = DEMUX_ASK_SEEK, .time_us = time_us };
     struct demux_answer a;
     bool quiet = true;
     enum err e = ERR_OK;

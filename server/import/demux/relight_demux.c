@@ -2,6 +2,7 @@
 #define _GNU_SOURCE
 #include "import/demux/read.h"
 #include "import/sandbox/confine.h"
+#include "import/sandbox/helper.h"
 
 #include <errno.h>
 #include <libavformat/avformat.h>
@@ -13,16 +14,6 @@
 
 #define PROGRAM_BYTES ((size_t)1 << 30) /* libraries, buffers of containers and network, a video's index */
 #define LIFE_S (365u * 24 * 3600)       /* processor time: a live stream may run for long */
-
-static bool next_request(struct demux_request *q)
-{
-    ssize_t got;
-
-    do
-        got = read(DEMUX_SOCKET, q, sizeof(*q));
-    while (got < 0 && errno == EINTR);
-    return got == (ssize_t)sizeof(*q) && q->magic == DEMUX_MAGIC;
-}
 
 static enum err work(struct reading *r, struct demux_request *q, struct demux_answer *a)
 {
@@ -36,10 +27,10 @@ static int serve(struct reading *r)
 {
     struct demux_request q;
 
-    while (next_request(&q)) {
-        struct demux_answer a = { .magic = DEMUX_MAGIC };
+    while (helper_receive(&q, sizeof(q))) {
+        struct demux_answer a = { .magic = WIRE_MAGIC };
         a.result = (int32_t)work(r, &q, &a);
-        if (write(DEMUX_SOCKET, &a, sizeof(a)) != (ssize_t)sizeof(a))
+        if (!helper_send(&a, sizeof(a)))
             return 1;
     }
     return 0;
@@ -64,7 +55,7 @@ static bool confine(const struct reading_desc *d)
     const struct confine_limits limits = {
         .address_bytes = d->file_bytes + d->packet_bytes + PROGRAM_BYTES,
         .seconds = LIFE_S,
-        .descriptors = DEMUX_SOCKET + 1,
+        .descriptors = WIRE_SOCKET + 1,
         .received = d->file ? 0 : 64,
         .threads = !d->file,
     };
@@ -80,10 +71,8 @@ int main(int argc, char **argv)
     struct reading_desc d = { .file = NULL };
     unsigned long long bytes;
 
-    if (argc != 4 || sscanf(argv[1], "%llu", &bytes) != 1) {
-        fprintf(stderr, "other relightd programs start this one to read video; it cannot be used alone.\n");
-        return argc == 2 && strcmp(argv[1], "--help") == 0 ? 0 : 2;
-    }
+    if (argc != 4 || sscanf(argv[1], "%llu", &bytes) != 1)
+        return helper_refuse(argc, argv, "read video");
     d.packet_bytes = (size_t)bytes;
     d.ca = argv[3][0] ? argv[3] : NULL;
     d.device = strcmp(argv[2], "device") == 0 ? "v4l2" : NULL;
@@ -95,7 +84,7 @@ int main(int argc, char **argv)
         return 1;
     if (!d.file)
         avformat_network_init();
-    if (!d.device && !confine(&d))
+    if ((!d.device && !confine(&d)) || !helper_hello(0))
         return 1;
     _exit(serve(r)); /* libraries clean up by system calls that are gone */
 }

@@ -1,15 +1,14 @@
-/* Messages between a program and relight-demux over a seqpacket socket. A packet's bytes are passed through shared
+/* Messages between a program and relight-demux (import/sandbox/wire.h). A packet's bytes are passed through shared
  * memory. Private to this room. */
 #pragma once
 
 #include "base/err.h"
 #include "image/codec/stream_format.h"
+#include "import/sandbox/wire.h"
 
 #include <stdint.h>
 
-#define DEMUX_MAGIC 0x524c4831u /* differs between incompatible builds */
-
-enum { DEMUX_SOCKET = 3, DEMUX_MEMORY = 4, DEMUX_INPUT = 5 }; /* descriptors that the process starts with; the file */
+enum { DEMUX_MEMORY = WIRE_SOCKET + 1, DEMUX_INPUT }; /* descriptors that the process starts with; the latter: a file */
 
 enum demux_ask {
     DEMUX_ASK_OPEN,

@@ -7,6 +7,7 @@
 #include "import/reader/files.h"
 #include "import/reader/parcel.h"
 #include "import/reader/wire.h"
+#include "import/sandbox/child.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -141,22 +142,13 @@ static enum err finish(struct reading *r, const struct wire_message *m, struct s
 static enum err converse(struct reading *r, struct scene **out)
 {
     struct wire_message m;
-    bool greeted = false;
 
     for (;;) {
         const enum child_receipt receipt = child_receive(&r->child, &m, sizeof(m), r->until_ms, NULL);
         if (receipt != CHILD_RECEIVED)
-            return report_death(r, receipt);
+            return receipt == CHILD_GARBLED ? invalid(r) : report_death(r, receipt);
         m.text[sizeof(m.text) - 1] = '\0';
-        if (m.magic != WIRE_MAGIC || (m.kind == WIRE_HELLO) == greeted)
-            return invalid(r);
-        greeted = true;
         switch (m.kind) {
-        case WIRE_HELLO:
-            if (m.code != 0)
-                log_warning("%s: read with limits on memory and time only: this kernel has no seccomp (%s)", r->path,
-                            strerror(m.code));
-            break;
         case WIRE_OPEN:
         case WIRE_ALLOW:
             if (!serve(r, &m))
@@ -186,7 +178,7 @@ static enum err start(struct reading *r)
     snprintf(textures, sizeof(textures), "%" PRIu64, r->reading.texture_bytes);
     snprintf(time, sizeof(time), "%.17g", r->reading.animate ? r->reading.time : (double)NAN);
     r->until_ms = clock_ms() + INT64_C(1000) * PATIENCE * r->reading.seconds;
-    return child_start(&r->child, program, arguments, &r->parcel, 1, r->why);
+    return child_start(&r->child, program, arguments, &r->parcel, 1, r->until_ms, NULL, r->why);
 }
 
 static enum err refuse_change(const struct reading *r, enum err e, struct scene **out)
@@ -216,6 +208,9 @@ enum err scene_load(const char *path, const struct scene_reading *reading, struc
     enum err e = scene_files_init(&r.files, path, r.reading.memory_bytes);
     if (!e)
         e = start(&r);
+    if (!e && r.child.unconfined)
+        log_warning("%s: read with limits on memory and time only: this kernel has no seccomp (%s)", path,
+                    strerror(r.child.unconfined));
     if (!e)
         e = converse(&r, out);
     child_end(&r.child);

@@ -4,6 +4,7 @@
 #include "import/reader/parcel.h"
 #include "import/reader/wire.h"
 #include "import/sandbox/confine.h"
+#include "import/sandbox/helper.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -30,7 +31,7 @@ static void say(enum wire_kind kind, int code, const char *text)
     struct wire_message m = { .magic = WIRE_MAGIC, .kind = (uint32_t)kind, .code = code };
 
     snprintf(m.text, sizeof(m.text), "%s", text);
-    if (write(WIRE_SOCKET, &m, sizeof(m)) != (ssize_t)sizeof(m))
+    if (!helper_send(&m, sizeof(m)))
         give_up();
 }
 
@@ -149,17 +150,16 @@ int reader_serve(int argc, char **argv,
     unsigned seconds;
 
     if (argc != 6 || sscanf(argv[1], "%" SCNu64, &memory_bytes) != 1 || sscanf(argv[2], "%u", &seconds) != 1 ||
-        sscanf(argv[3], "%lf", &host.time) != 1 || sscanf(argv[4], "%" SCNu64, &host.texture_bytes) != 1) {
-        fprintf(stderr, "other relightd programs start relight-reader to read scenes; it cannot be used alone.\n");
-        return argc == 2 && strcmp(argv[1], "--help") == 0 ? 0 : 2;
-    }
+        sscanf(argv[3], "%lf", &host.time) != 1 || sscanf(argv[4], "%" SCNu64, &host.texture_bytes) != 1)
+        return helper_refuse(argc, argv, "read scenes");
     /* A terminal or service manager sends these to the parent too, which decides. */
     signal(SIGINT, SIG_IGN);
     signal(SIGTERM, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN); /* write fails instead */
     prctl(PR_SET_PDEATHSIG, SIGKILL, 0, 0, 0);
     stand_back();
-    say(WIRE_HELLO, confine(memory_bytes, seconds), "");
+    if (!helper_hello(confine(memory_bytes, seconds)))
+        give_up();
     log_divert(forward_line);
     enum err e = import(argv[5], &host, &scene, &why);
     if (!e)

@@ -1,7 +1,8 @@
-#define _GNU_SOURCE /* F_DUPFD_CLOEXEC */
+#define _GNU_SOURCE /* F_DUPFD_CLOEXEC, memfd_create */
 #include "import/sandbox/child.h"
 
 #include "base/clock.h"
+#include "import/sandbox/wire.h"
 
 #include <assert.h>
 #include <errno.h>
@@ -11,6 +12,7 @@
 #include <spawn.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -59,7 +61,7 @@ static int spawn(struct child *c, const char *program, char *const arguments[], 
 #endif
             posix_spawn_file_actions_addopen(&files, fd, "/dev/null", O_RDWR, 0);
     for (size_t i = 0; i < count; i++)
-        posix_spawn_file_actions_adddup2(&files, given[i], CHILD_SOCKET + (int)i);
+        posix_spawn_file_actions_adddup2(&files, given[i], WIRE_SOCKET + (int)i);
     sigemptyset(&none);
     sigfillset(&all);
     posix_spawnattr_init(&how);
@@ -74,10 +76,33 @@ static int spawn(struct child *c, const char *program, char *const arguments[], 
     return failed;
 }
 
+enum err child_share(struct child_memory *m, const char *name, const char *program, size_t bytes, int protection,
+                     struct reason *why)
+{
+    m->fd = memfd_create(name, MFD_CLOEXEC);
+    if (m->fd < 0 || ftruncate(m->fd, (off_t)bytes) != 0)
+        return err_say(why, ERR_IO, "cannot share memory with %s: %s", program, strerror(errno));
+    void *at = mmap(NULL, bytes, protection, MAP_SHARED, m->fd, 0);
+    if (at == MAP_FAILED)
+        return err_say(why, ERR_NOMEM, "out of memory for %zu bytes shared with %s", bytes, program);
+    m->at = at;
+    m->bytes = bytes;
+    return ERR_OK;
+}
+
+void child_unshare(struct child_memory *m)
+{
+    if (m->at)
+        munmap(m->at, m->bytes);
+    if (m->fd >= 0)
+        close(m->fd);
+}
+
 enum err child_start(struct child *c, const char *program, char *const arguments[], const int *descriptors,
-                     size_t count, struct reason *why)
+                     size_t count, int64_t until_ms, const atomic_bool *stop, struct reason *why)
 {
     int pair[2], given[GIVEN_MAX + 1] = { 0 }, failed = 0;
+    struct wire_hello hello;
     size_t moved = 0;
 
     assert(count <= GIVEN_MAX);
@@ -98,6 +123,13 @@ enum err child_start(struct child *c, const char *program, char *const arguments
         close(pair[0]);
         return err_say(why, ERR_IO, "%.200s: cannot start: %s", program, strerror(failed));
     }
+    const enum child_receipt receipt = child_receive(c, &hello, sizeof(hello), until_ms, stop);
+    if (receipt != CHILD_RECEIVED) {
+        child_end(c);
+        return err_say(why, receipt == CHILD_STOPPED ? ERR_END : ERR_IO, "%.200s: is not the %s of this version",
+                       program, arguments[0]);
+    }
+    c->unconfined = hello.unconfined;
     return ERR_OK;
 }
 
@@ -126,6 +158,11 @@ const char *child_death(int status, char *out, size_t size)
     return out;
 }
 
+bool child_send(struct child *c, const void *message, size_t size)
+{
+    return send(c->socket, message, size, MSG_NOSIGNAL) == (ssize_t)size;
+}
+
 enum child_receipt child_receive(struct child *c, void *message, size_t size, int64_t until_ms, const atomic_bool *stop)
 {
     for (;;) {
@@ -138,6 +175,8 @@ enum child_receipt child_receive(struct child *c, void *message, size_t size, in
         if (poll(&p, 1, left < LOOK_MS ? (int)left : LOOK_MS) <= 0)
             continue;
         const ssize_t got = recv(c->socket, message, size, MSG_TRUNC | MSG_DONTWAIT);
-        return got == (ssize_t)size ? CHILD_RECEIVED : got <= 0 ? CHILD_GONE : CHILD_GARBLED;
+        uint32_t magic = 0;
+        memcpy(&magic, message, sizeof(magic));
+        return got <= 0 ? CHILD_GONE : got == (ssize_t)size && magic == WIRE_MAGIC ? CHILD_RECEIVED : CHILD_GARBLED;
     }
 }

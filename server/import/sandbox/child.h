@@ -4,25 +4,40 @@
 #include "base/err.h"
 
 #include <stdatomic.h>
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <sys/types.h>
 
-#define CHILD_SOCKET 3 /* the child's descriptors: the socket, and behind it those that it was given, in order */
-
 struct child {
     pid_t pid; /* 0: not running */
     int socket;
+    int unconfined; /* as struct wire_hello has it */
 };
+
+/* Memory that is shared with a child. */
+struct child_memory {
+    int fd; /* -1: none */
+    void *at;
+    size_t bytes;
+    size_t used; /* bytes that may be backed by pages */
+};
+
+/* Creates it as a descriptor of that name, as /proc shows it, and maps it with this protection; `program` will share
+ * it. ERR_IO, ERR_NOMEM. */
+MUST_CHECK enum err child_share(struct child_memory *m, const char *name, const char *program, size_t bytes,
+                                int protection, struct reason *why);
+void child_unshare(struct child_memory *m); /* fd -1 is allowed */
 
 /* Finds the program `name` beside this one or in the package's lib folder, ../lib/relightd relative to it;
  * `requested` is used instead unless it is NULL. ERR_IO: not there, or not executable. */
 MUST_CHECK enum err child_find(const char *name, const char *requested, char *out, size_t size, struct reason *why);
 
 /* Starts `program` with these arguments (NULL at their end, the first is its name), descriptors, an empty environment
- * and default signal handling; standard input and outputs are /dev/null. ERR_IO. */
+ * and default signal handling; standard input and outputs are /dev/null. Waits until clock_ms() is until_ms for its
+ * hello. ERR_IO: it cannot be started, or says none. ERR_END: *stop was set, which may be NULL. */
 MUST_CHECK enum err child_start(struct child *c, const char *program, char *const arguments[], const int *descriptors,
-                                size_t count, struct reason *why);
+                                size_t count, int64_t until_ms, const atomic_bool *stop, struct reason *why);
 
 /* Ends the process if it has not ended yet, closes the socket, and returns the exit status as waitpid does. */
 int child_end(struct child *c);
@@ -38,6 +53,10 @@ enum child_receipt {
     CHILD_STOPPED, /* *stop was set */
 };
 
-/* Waits for one message of exactly `size` bytes until clock_ms() is until_ms. stop may be NULL. */
+/* Sends one message. False: the process has ended. */
+bool child_send(struct child *c, const void *message, size_t size);
+
+/* Waits for one message of exactly `size` bytes, the first of which are WIRE_MAGIC, until clock_ms() is until_ms. stop
+ * may be NULL. */
 enum child_receipt child_receive(struct child *c, void *message, size_t size, int64_t until_ms,
                                  const atomic_bool *stop);

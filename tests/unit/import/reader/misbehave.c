@@ -75,7 +75,7 @@ static enum err talk(const char *what)
     if (strcmp(what, "kind") == 0)
         return send_message(WIRE_MAGIC, 77, 0, all);
     if (strcmp(what, "hello") == 0)
-        return send_message(WIRE_MAGIC, WIRE_HELLO, 0, all);
+        return send_message(WIRE_MAGIC, 0, 0, all);
     if (strcmp(what, "result") == 0)
         return send_message(WIRE_MAGIC, WIRE_DONE, -5, all);
     if (strcmp(what, "empty") == 0)
