@@ -40,3 +40,20 @@ int64_t clock_wall_us(void)
         return -CLOCK_WALL_MAX_US;
     return (int64_t)t.tv_sec * 1000000 + t.tv_nsec / 1000;
 }
+
+void clock_condition(pthread_cond_t *c)
+{
+    pthread_condattr_t monotonic;
+
+    pthread_condattr_init(&monotonic);
+    pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
+    pthread_cond_init(c, &monotonic);
+    pthread_condattr_destroy(&monotonic);
+}
+
+bool clock_wait(pthread_cond_t *c, pthread_mutex_t *lock, int64_t until_ms)
+{
+    const struct timespec until = { .tv_sec = until_ms / 1000, .tv_nsec = until_ms % 1000 * 1000000 };
+
+    return pthread_cond_timedwait(c, lock, &until) == 0;
+}

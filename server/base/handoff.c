@@ -1,18 +1,13 @@
 #include "base/handoff.h"
 
+#include "base/clock.h"
+
 #include <assert.h>
-#include <errno.h>
-#include <time.h>
 
 void handoff_init(struct handoff *h)
 {
-    pthread_condattr_t attr;
-
     pthread_mutex_init(&h->lock, NULL);
-    pthread_condattr_init(&attr);
-    pthread_condattr_setclock(&attr, CLOCK_MONOTONIC);
-    pthread_cond_init(&h->changed, &attr);
-    pthread_condattr_destroy(&attr);
+    clock_condition(&h->changed);
     h->ready = h->taken = h->next = HANDOFF_NONE;
     h->closed = false;
 }
@@ -21,20 +16,6 @@ void handoff_finish(struct handoff *h)
 {
     pthread_cond_destroy(&h->changed);
     pthread_mutex_destroy(&h->lock);
-}
-
-static struct timespec deadline(int timeout_ms)
-{
-    struct timespec t;
-
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    t.tv_sec += timeout_ms / 1000;
-    t.tv_nsec += (long)(timeout_ms % 1000) * 1000000;
-    if (t.tv_nsec >= 1000000000) {
-        t.tv_sec++;
-        t.tv_nsec -= 1000000000;
-    }
-    return t;
 }
 
 int handoff_begin(struct handoff *h)
@@ -69,11 +50,11 @@ int handoff_publish(struct handoff *h, int slot)
 
 bool handoff_wait_taken(struct handoff *h, int timeout_ms)
 {
-    const struct timespec until = deadline(timeout_ms);
+    const int64_t until_ms = clock_ms() + timeout_ms;
 
     pthread_mutex_lock(&h->lock);
     while (h->ready != HANDOFF_NONE && !h->closed)
-        if (pthread_cond_timedwait(&h->changed, &h->lock, &until) == ETIMEDOUT)
+        if (!clock_wait(&h->changed, &h->lock, until_ms))
             break;
     const bool taken = h->ready == HANDOFF_NONE && !h->closed;
     pthread_mutex_unlock(&h->lock);
@@ -82,11 +63,11 @@ bool handoff_wait_taken(struct handoff *h, int timeout_ms)
 
 bool handoff_wait_newer(struct handoff *h, int timeout_ms)
 {
-    const struct timespec until = deadline(timeout_ms);
+    const int64_t until_ms = clock_ms() + timeout_ms;
 
     pthread_mutex_lock(&h->lock);
     while (h->ready == HANDOFF_NONE && !h->closed)
-        if (pthread_cond_timedwait(&h->changed, &h->lock, &until) == ETIMEDOUT)
+        if (!clock_wait(&h->changed, &h->lock, until_ms))
             break;
     const bool newer = h->ready != HANDOFF_NONE && !h->closed;
     pthread_mutex_unlock(&h->lock);
@@ -108,12 +89,12 @@ static int take_ready(struct handoff *h, int *to)
 
 int handoff_take(struct handoff *h, int timeout_ms)
 {
-    const struct timespec until = deadline(timeout_ms);
+    const int64_t until_ms = clock_ms() + timeout_ms;
 
     pthread_mutex_lock(&h->lock);
     assert(h->taken == HANDOFF_NONE);
     while (h->ready == HANDOFF_NONE && !h->closed)
-        if (pthread_cond_timedwait(&h->changed, &h->lock, &until) == ETIMEDOUT)
+        if (!clock_wait(&h->changed, &h->lock, until_ms))
             break;
     const int slot = take_ready(h, &h->taken);
     pthread_mutex_unlock(&h->lock);

@@ -31,7 +31,7 @@ bool mem_reserve(void *array, size_t count, size_t *capacity, size_t size);
 /* A copy of the text; NULL: out of memory. */
 char *mem_text(const char *text);
 
-void mem_free(void *p); /* NULL is allowed */
+void mem_free(void *p); /* also of malloc, as the texts that libraries make are; NULL is allowed */
 
 /* Returns free memory of all allocator arenas to the system. May take some milliseconds; call it after a change of
  * working-set size. */

@@ -37,7 +37,7 @@ static bool reserve(struct text *t, size_t more)
     return true;
 }
 
-static void add_bytes(struct text *t, const char *bytes, size_t size)
+void text_add_bytes(struct text *t, const char *bytes, size_t size)
 {
     if (!reserve(t, size))
         return;
@@ -70,7 +70,7 @@ void text_add_escaped(struct text *t, const char *plain)
         case '&': text_add(t, "&amp;"); break;
         case '"': text_add(t, "&quot;"); break;
         case '\'': text_add(t, "&#39;"); break;
-        default: add_bytes(t, (unsigned char)*plain < 0x20 ? " " : plain, 1);
+        default: text_add_bytes(t, (unsigned char)*plain < 0x20 ? " " : plain, 1);
         }
     }
 }
@@ -85,7 +85,7 @@ void text_add_base64(struct text *t, const uint8_t *bytes, size_t size)
                                (uint32_t)(left > 2 ? bytes[i + 2] : 0);
         const char four[4] = { digits[three >> 18], digits[three >> 12 & 63], left > 1 ? digits[three >> 6 & 63] : '=',
                                left > 2 ? digits[three & 63] : '=' };
-        add_bytes(t, four, 4);
+        text_add_bytes(t, four, 4);
     }
 }
 

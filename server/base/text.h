@@ -17,8 +17,9 @@ struct text {
 
 void text_finish(struct text *t); /* zeroed memory is allowed */
 
-/* Adds formatted text. */
+/* Adds formatted text; adds bytes as they are. */
 void text_add(struct text *t, const char *format, ...) PRINTF_LIKE(2, 3);
+void text_add_bytes(struct text *t, const char *bytes, size_t size);
 
 /* With <, >, &, " and ' as HTML's entities; control characters become blanks. */
 void text_add_escaped(struct text *t, const char *plain);

@@ -1,17 +1,14 @@
 #include "image/codec/png_write.h"
 
-#include "base/mem.h"
+#include "base/text.h"
 
 #include <png.h>
 #include <setjmp.h>
-#include <string.h>
 
 #define SIDE_MAX 1000000u
 
 struct sink {
-    uint8_t *bytes;
-    size_t size, capacity;
-    bool no_memory;
+    struct text file;
     jmp_buf out;
 };
 
@@ -33,17 +30,9 @@ static void append(png_structp png, png_bytep bytes, png_size_t count)
 {
     struct sink *s = png_get_io_ptr(png);
 
-    if (s->size + count > s->capacity) {
-        const size_t room = 2 * s->capacity + count + 65536;
-        uint8_t *grown = mem_grow(s->bytes, s->size, room, 1);
-        s->no_memory = !grown;
-        if (!grown)
-            png_error(png, "out of memory");
-        s->bytes = grown;
-        s->capacity = room;
-    }
-    memcpy(s->bytes + s->size, bytes, count);
-    s->size += count;
+    text_add_bytes(&s->file, (const char *)bytes, count);
+    if (s->file.failed)
+        png_error(png, "out of memory");
 }
 
 static void flush(png_structp png)
@@ -51,7 +40,7 @@ static void flush(png_structp png)
     (void)png;
 }
 
-/* False: s->no_memory, or the library refused the image. No local changes between setjmp and longjmp. */
+/* False: s->file.failed, or the library refused the image. No local changes between setjmp and longjmp. */
 static bool write_all(const struct png_desc *d, struct sink *s, png_structp png, png_infop info)
 {
     const size_t row = (size_t)d->width * (d->alpha ? 4 : 3) * (d->deep ? 2 : 1);
@@ -75,7 +64,7 @@ static bool write_all(const struct png_desc *d, struct sink *s, png_structp png,
 
 enum err png_encode(const struct png_desc *d, uint8_t **bytes, size_t *size, struct reason *why)
 {
-    struct sink s = { .bytes = NULL };
+    struct sink s = { .file = { .bytes = NULL } };
 
     *bytes = NULL;
     *size = 0;
@@ -87,10 +76,10 @@ enum err png_encode(const struct png_desc *d, uint8_t **bytes, size_t *size, str
 
     png_destroy_write_struct(png ? &png : NULL, info ? &info : NULL);
     if (good) {
-        *bytes = s.bytes;
-        *size = s.size;
+        *bytes = (uint8_t *)s.file.bytes;
+        *size = s.file.size;
         return ERR_OK;
     }
-    mem_free(s.bytes);
+    text_finish(&s.file);
     return err_say(why, ERR_NOMEM, "PNG: no memory for %ux%u pixels", d->width, d->height);
 }

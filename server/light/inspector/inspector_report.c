@@ -1,6 +1,7 @@
 #include "light/inspector/inspector_report.h"
 
 #include "base/mem.h"
+#include "base/text.h"
 #include "image/codec/jpeg.h"
 #include "image/film/film.h"
 
@@ -218,20 +219,11 @@ static json_t *samples_json(const struct direct_log_sample *notes, uint32_t coun
 
 static json_t *base64(const uint8_t *bytes, size_t size)
 {
-    static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    const size_t length = (size + 2) / 3 * 4;
-    char *text = mem_alloc(length + 1, 1);
-    size_t at = 0;
+    struct text t = { .bytes = NULL };
 
-    for (size_t i = 0; text && i < size; i += 3) {
-        const uint32_t left = (uint32_t)(size - i < 3 ? size - i : 3);
-        const uint32_t bits = (uint32_t)bytes[i] << 16 | (left > 1 ? (uint32_t)bytes[i + 1] << 8 : 0) |
-                              (left > 2 ? (uint32_t)bytes[i + 2] : 0);
-        for (uint32_t k = 0; k < 4; k++)
-            text[at++] = k <= left ? digits[bits >> (18 - 6 * k) & 63] : '=';
-    }
-    json_t *s = text ? json_stringn(text, length) : NULL;
-    mem_free(text);
+    text_add_base64(&t, bytes, size);
+    json_t *s = t.failed ? NULL : json_stringn(t.bytes, t.size);
+    text_finish(&t);
     return s;
 }
 
@@ -341,19 +333,7 @@ static json_t *report_json(struct inspector *p, const struct environment *e, con
     return j;
 }
 
-/* Serialises an object; NULL if that fails. */
-static char *dump(const json_t *j)
-{
-    const size_t flags = JSON_COMPACT | JSON_REAL_PRECISION(7);
-    const size_t length = json_dumpb(j, NULL, 0, flags);
-    char *text = length > 0 ? mem_alloc(length + 1, 1) : NULL;
-
-    if (text && json_dumpb(j, text, length, flags) != length) {
-        mem_free(text);
-        return NULL;
-    }
-    return text;
-}
+#define DUMP (JSON_COMPACT | JSON_REAL_PRECISION(7))
 
 enum err inspector_report(struct inspector *p, const struct environment *e, const struct relight_desc *light,
                           const struct inspect_request *q, const float *rgb, const struct probe_lamps *lamps,
@@ -381,11 +361,11 @@ enum err inspector_report(struct inspector *p, const struct environment *e, cons
     json_t *j = report_json(p, e, &d, q, rgb, lamps);
     if (j && q->sky)
         json_object_set_new(j, "sky", sky_json(p, e));
-    *text = j ? dump(j) : NULL;
+    *text = j ? json_dumps(j, DUMP) : NULL;
     if (*text && strlen(*text) > INSPECT_TEXT_MAX) {
         json_object_set_new(j, "sky", json_null());
         mem_free(*text);
-        *text = dump(j);
+        *text = json_dumps(j, DUMP);
     }
     json_decref(j);
     return *text ? ERR_OK : ERR_NOMEM;
@@ -396,7 +376,7 @@ enum err inspector_sky(struct inspector *p, const struct environment *e, char **
     json_t *j = json_pack("{s:I, s:o, s:o}", "frame", (json_int_t)e->number, "rotate_degrees",
                           number(e->rotation * 180.0 / PI), "sky", sky_json(p, e));
 
-    *text = j ? dump(j) : NULL;
+    *text = j ? json_dumps(j, DUMP) : NULL;
     json_decref(j);
     return *text ? ERR_OK : ERR_NOMEM;
 }

@@ -1,11 +1,13 @@
 #include "net/message/message.h"
 
 #include "base/mem.h"
+#include "base/text.h"
 
 #include <jansson.h>
 
 #include <assert.h>
 #include <math.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -14,13 +16,8 @@ const char *const message_formats[MESSAGE_FORMATS] = { "jpeg", "exr_half", "exr_
 /* Serializes an object and releases it. NULL: out of memory. */
 static char *dump(json_t *object)
 {
-    const size_t length = object ? json_dumpb(object, NULL, 0, JSON_COMPACT) : 0;
-    char *text = length > 0 ? mem_alloc(length + 1, 1) : NULL;
+    char *text = object ? json_dumps(object, JSON_COMPACT) : NULL;
 
-    if (text && json_dumpb(object, text, length, JSON_COMPACT) != length) {
-        mem_free(text);
-        text = NULL;
-    }
     json_decref(object);
     return text;
 }
@@ -146,28 +143,32 @@ char *message_control_shared(const struct setting *controls, const void *values)
     return dump(settings_to_json(controls, SETTING_TOLD, values));
 }
 
+/* The text of an object whose first members are these, and the others those of another's text. */
+PRINTF_LIKE(2, 3) static char *join(const char *others, const char *first, ...)
+{
+    struct text t = { .bytes = NULL };
+    char members[256];
+    va_list args;
+
+    assert(others[0] == '{' && others[1] != '}');
+    va_start(args, first);
+    vsnprintf(members, sizeof(members), first, args);
+    va_end(args);
+    text_add(&t, "{%s,%s", members, others + 1);
+    if (t.failed)
+        text_finish(&t);
+    return t.bytes;
+}
+
 char *message_control(const char *shared, uint64_t by, uint64_t request)
 {
-    static const char format[] = "{\"op\":\"control\",\"by\":\"%llu\",\"request\":%llu,%s";
-
-    assert(shared[0] == '{' && shared[1] != '}');
-    const size_t room = sizeof(format) + 2 * 20 + strlen(shared);
-    char *text = mem_alloc(room, 1);
-    if (text)
-        snprintf(text, room, format, (unsigned long long)by, (unsigned long long)request, shared + 1);
-    return text;
+    return join(shared, "\"op\":\"control\",\"by\":\"%llu\",\"request\":%llu", (unsigned long long)by,
+                (unsigned long long)request);
 }
 
 char *message_inspected(const char *object, uint64_t request)
 {
-    static const char format[] = "{\"op\":\"probed\",\"request\":%llu,%s";
-
-    assert(object[0] == '{' && object[1] != '}');
-    const size_t room = sizeof(format) + 20 + strlen(object);
-    char *text = mem_alloc(room, 1);
-    if (text)
-        snprintf(text, room, format, (unsigned long long)request, object + 1);
-    return text;
+    return join(object, "\"op\":\"probed\",\"request\":%llu", (unsigned long long)request);
 }
 
 char *message_radiance(const struct server_follow *pixel, const struct server_radiance *r)
@@ -303,16 +304,8 @@ char *message_status_shared(const struct server_figures *f, const struct setting
 
 char *message_status(const char *shared, int64_t server_us, uint32_t viewers, uint64_t sent, uint64_t skipped)
 {
-    static const char format[] =
-        "{\"op\":\"status\",\"server_us\":%lld,\"viewers\":%u,\"sent\":%llu,\"skipped\":%llu,%s";
-
-    assert(shared[0] == '{' && shared[1] != '}');
-    const size_t room = sizeof(format) + 4 * 20 + strlen(shared);
-    char *text = mem_alloc(room, 1);
-    if (text)
-        snprintf(text, room, format, (long long)server_us, viewers, (unsigned long long)sent,
-                 (unsigned long long)skipped, shared + 1);
-    return text;
+    return join(shared, "\"op\":\"status\",\"server_us\":%lld,\"viewers\":%u,\"sent\":%llu,\"skipped\":%llu",
+                (long long)server_us, viewers, (unsigned long long)sent, (unsigned long long)skipped);
 }
 
 void message_free(char *text)

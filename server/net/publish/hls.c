@@ -4,13 +4,13 @@
 #include "base/clock.h"
 #include "base/file_store.h"
 #include "base/mem.h"
+#include "base/text.h"
 #include "net/publish/sink.h"
 
 #include <dirent.h>
 #include <errno.h>
 #include <inttypes.h>
 #include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -22,8 +22,7 @@
 #define TARGET_S 4         /* bound on a segment that is stated to players; twice the usual length */
 #define LISTED 6           /* segments */
 #define KEEP_S 30          /* files that are not listed any more */
-#define PLAYLIST 4096
-#define MODE 0644 /* a web server of another user reads them, whatever our umask is */
+#define MODE 0644          /* a web server of another user reads them, whatever our umask is */
 
 struct segment {
     uint64_t number; /* from 0 */
@@ -36,10 +35,8 @@ struct hls {
     int lock;
     struct sink_stream stream;
 
-    int64_t epoch; /* ms since 1970 */
-    uint8_t *bytes;
-    size_t size, room;
-    bool lost; /* out of memory */
+    int64_t epoch;     /* ms since 1970 */
+    struct text bytes; /* of the segment */
 
     bool begun;
     int64_t begun_us, last_us, interval_us; /* of the segment; of the last unit, and its distance to the one before */
@@ -52,33 +49,23 @@ static bool collect(void *user, const uint8_t *bytes, size_t size)
 {
     struct hls *h = user;
 
-    if (h->size + size > h->room) {
-        const size_t room = 2 * (h->size + size);
-        uint8_t *more = mem_grow(h->bytes, h->size, room, 1);
-        h->lost = h->lost || !more;
-        if (!more)
-            return false;
-        h->bytes = more;
-        h->room = room;
-    }
-    memcpy(h->bytes + h->size, bytes, size);
-    h->size += size;
-    return true;
+    text_add_bytes(&h->bytes, (const char *)bytes, size);
+    return !h->bytes.failed;
 }
 
 /* Writes a file that is there whole or not at all. */
-static enum err store(const struct hls *h, const char *name, const void *bytes, size_t size, struct reason *why)
+static enum err store(const struct hls *h, const char *name, const struct text *bytes, struct reason *why)
 {
     char path[PUBLISH_PATH + 128];
     struct file_draft d;
 
     snprintf(path, sizeof(path), "%s/%s", h->folder, name);
-    const enum err e = file_draft_begin(&d, path, why);
+    const enum err e = bytes->failed ? err_say(why, ERR_NOMEM, "out of memory") : file_draft_begin(&d, path, why);
     if (e)
         return e;
     int failed = fchmod(d.fd, MODE) != 0 ? errno : 0;
     if (!failed)
-        failed = sink_write_all(d.fd, bytes, size);
+        failed = sink_write_all(d.fd, (const uint8_t *)bytes->bytes, bytes->size);
     if (!failed)
         return file_draft_commit(&d, why);
     file_draft_discard(&d);
@@ -87,26 +74,16 @@ static enum err store(const struct hls *h, const char *name, const void *bytes, 
 
 /* ---- The list ---- */
 
-PRINTF_LIKE(3, 4) static void append(char *text, size_t *length, const char *format, ...)
-{
-    va_list args;
-
-    va_start(args, format);
-    const int n = vsnprintf(text + *length, PLAYLIST - *length, format, args);
-    va_end(args);
-    *length += n > 0 ? (size_t)n : 0; /* far below PLAYLIST: LISTED lines of known length */
-}
-
-static void append_segment(const struct hls *h, const struct segment *s, char *text, size_t *length)
+static void append_segment(const struct hls *h, const struct segment *s, struct text *t)
 {
     const time_t at = (time_t)(s->wall_us / 1000000);
     char date[32] = "1970-01-01T00:00:00";
-    struct tm t;
+    struct tm parts;
 
-    if (gmtime_r(&at, &t))
-        strftime(date, sizeof(date), "%Y-%m-%dT%H:%M:%S", &t);
-    append(text, length, "#EXT-X-PROGRAM-DATE-TIME:%s.%03dZ\n#EXTINF:%.3f,\nlive-%" PRId64 "-%" PRIu64 ".m4s\n", date,
-           (int)(s->wall_us / 1000 % 1000), 1e-6 * (double)s->length_us, h->epoch, s->number);
+    if (gmtime_r(&at, &parts))
+        strftime(date, sizeof(date), "%Y-%m-%dT%H:%M:%S", &parts);
+    text_add(t, "#EXT-X-PROGRAM-DATE-TIME:%s.%03dZ\n#EXTINF:%.3f,\nlive-%" PRId64 "-%" PRIu64 ".m4s\n", date,
+             (int)(s->wall_us / 1000 % 1000), 1e-6 * (double)s->length_us, h->epoch, s->number);
 }
 
 /* Sequence numbers begin at the epoch in seconds. A segment is longer than a second, so they always rise, also over
@@ -115,20 +92,21 @@ static enum err store_playlist(const struct hls *h, struct reason *why)
 {
     const uint64_t first = h->count > LISTED ? h->count - LISTED : 0;
     const int64_t base = h->epoch / 1000;
-    char text[PLAYLIST];
-    size_t length = 0;
+    struct text text = { .bytes = NULL };
     int longest_s = TARGET_S;
 
     for (uint64_t n = first; n < h->count; n++)
         longest_s = (int)fmax(longest_s, ceil(1e-6 * (double)h->listed[n % LISTED].length_us));
-    append(text, &length,
-           "#EXTM3U\n#EXT-X-VERSION:7\n#EXT-X-TARGETDURATION:%d\n#EXT-X-MEDIA-SEQUENCE:%" PRIu64
-           "\n#EXT-X-DISCONTINUITY-SEQUENCE:%" PRId64 "\n#EXT-X-INDEPENDENT-SEGMENTS\n"
-           "#EXT-X-MAP:URI=\"init-%" PRId64 ".mp4\"\n",
-           longest_s, (uint64_t)base + first, base, h->epoch);
+    text_add(&text,
+             "#EXTM3U\n#EXT-X-VERSION:7\n#EXT-X-TARGETDURATION:%d\n#EXT-X-MEDIA-SEQUENCE:%" PRIu64
+             "\n#EXT-X-DISCONTINUITY-SEQUENCE:%" PRId64 "\n#EXT-X-INDEPENDENT-SEGMENTS\n"
+             "#EXT-X-MAP:URI=\"init-%" PRId64 ".mp4\"\n",
+             longest_s, (uint64_t)base + first, base, h->epoch);
     for (uint64_t n = first; n < h->count; n++)
-        append_segment(h, &h->listed[n % LISTED], text, &length);
-    return store(h, "live.m3u8", text, length, why);
+        append_segment(h, &h->listed[n % LISTED], &text);
+    const enum err e = store(h, "live.m3u8", &text, why);
+    text_finish(&text);
+    return e;
 }
 
 /* ---- Old files ---- */
@@ -176,10 +154,10 @@ static enum err store_segment(struct hls *h, int64_t end_us, struct reason *why)
     char name[64];
 
     snprintf(name, sizeof(name), "live-%" PRId64 "-%" PRIu64 ".m4s", h->epoch, h->count);
-    enum err e = store(h, name, h->bytes, h->size, why);
+    enum err e = store(h, name, &h->bytes, why);
     if (e)
         return e;
-    h->size = 0;
+    h->bytes.size = 0;
     h->listed[h->count % LISTED] = (struct segment){ h->count, end_us - h->begun_us, h->wall_us };
     h->count++;
     e = store_playlist(h, why);
@@ -201,7 +179,7 @@ static enum err hls_write(struct sink *s, const struct sink_unit *unit, struct r
     struct hls *h = (struct hls *)s;
     enum err e = sink_stream_write(&h->stream, unit, why);
 
-    if (h->lost)
+    if (h->bytes.failed)
         return err_say(why, ERR_NOMEM, "out of memory");
     if (!e && unit->key && h->begun && unit->time_us - h->begun_us >= SEGMENT_US) {
         e = store_segment(h, unit->time_us, why);
@@ -221,11 +199,11 @@ static void hls_close(struct sink *s)
     struct reason ignored;
     const enum err e = sink_stream_close(&h->stream, true, &ignored);
 
-    if (!e && !h->lost && h->begun && h->size > 0 && store_segment(h, h->last_us + h->interval_us, &ignored))
-        h->lost = true; /* nobody waits for it */
+    if (!e && h->begun && h->bytes.size > 0)
+        (void)!store_segment(h, h->last_us + h->interval_us, &ignored); /* nobody waits for it */
     if (h->lock >= 0)
         close(h->lock);
-    mem_free(h->bytes);
+    text_finish(&h->bytes);
     mem_free(h);
 }
 
@@ -247,8 +225,8 @@ static enum err begin(struct hls *h, const struct sink_desc *desc, struct reason
     while (fstatat(h->lock, name, &st, 0) == 0);
     enum err e = sink_stream_open(desc, &to, true, &h->stream, why);
     if (!e)
-        e = store(h, name, h->bytes, h->size, why);
-    h->size = 0;
+        e = store(h, name, &h->bytes, why);
+    h->bytes.size = 0;
     return e;
 }
 

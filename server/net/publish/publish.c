@@ -14,7 +14,6 @@
 #include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
-#include <time.h>
 
 #define RETRY_FIRST_MS 500
 #define RETRY_MOST_MS 10000
@@ -317,8 +316,6 @@ static bool start(struct publisher *p, const struct publish_target *target)
 enum err publisher_create(const struct publish_target *targets, uint32_t count, struct publisher **out,
                           struct reason *why)
 {
-    pthread_condattr_t clock;
-
     *out = NULL;
     if (count == 0)
         return ERR_OK;
@@ -326,10 +323,7 @@ enum err publisher_create(const struct publish_target *targets, uint32_t count, 
     if (!p)
         return err_say(why, ERR_NOMEM, "out of memory");
     pthread_mutex_init(&p->lock, NULL);
-    pthread_condattr_init(&clock);
-    pthread_condattr_setclock(&clock, CLOCK_MONOTONIC);
-    pthread_cond_init(&p->ended, &clock);
-    pthread_condattr_destroy(&clock);
+    clock_condition(&p->ended);
     for (uint32_t i = 0; i < count; i++)
         if (!start(p, &targets[i])) {
             publisher_destroy(p);
@@ -362,12 +356,9 @@ void publisher_push(struct publisher *p, struct sent_image *picture, int64_t tim
 /* Waits until all threads have ended, until_ms at most. */
 static bool wait_ended(struct publisher *p, int64_t until_ms)
 {
-    const struct timespec until = { .tv_sec = until_ms / 1000, .tv_nsec = until_ms % 1000 * 1000000 };
-    int failed = 0;
-
     pthread_mutex_lock(&p->lock);
-    while (p->active > 0 && !failed)
-        failed = pthread_cond_timedwait(&p->ended, &p->lock, &until);
+    while (p->active > 0 && clock_wait(&p->ended, &p->lock, until_ms))
+        continue;
     const bool ended = p->active == 0;
     pthread_mutex_unlock(&p->lock);
     return ended;

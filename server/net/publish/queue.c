@@ -3,17 +3,10 @@
 #include "base/clock.h"
 #include "net/stream/sent_image.h"
 
-#include <time.h>
-
 void publish_queue_init(struct publish_queue *q)
 {
-    pthread_condattr_t clock;
-
     pthread_mutex_init(&q->lock, NULL);
-    pthread_condattr_init(&clock);
-    pthread_condattr_setclock(&clock, CLOCK_MONOTONIC);
-    pthread_cond_init(&q->changed, &clock);
-    pthread_condattr_destroy(&clock);
+    clock_condition(&q->changed);
 }
 
 static size_t size_of(const struct publish_entry *e)
@@ -96,11 +89,9 @@ void publish_queue_push(struct publish_queue *q, const struct publish_entry *ent
 static void wait_for(struct publish_queue *q, bool any, int64_t timeout_ms)
 {
     const int64_t until_ms = clock_ms() + timeout_ms;
-    const struct timespec until = { .tv_sec = until_ms / 1000, .tv_nsec = until_ms % 1000 * 1000000 };
 
-    while (!q->closed && !(any && q->count > 0))
-        if (pthread_cond_timedwait(&q->changed, &q->lock, &until) != 0)
-            return;
+    while (!q->closed && !(any && q->count > 0) && clock_wait(&q->changed, &q->lock, until_ms))
+        continue;
 }
 
 bool publish_queue_take(struct publish_queue *q, struct publish_entry *out, int timeout_ms)

@@ -1,5 +1,6 @@
 #include "net/stream/ingest.h"
 
+#include "base/clock.h"
 #include "base/mem.h"
 #include "net/stream/internal.h"
 #include "net/stream/texels.h"
@@ -10,12 +11,7 @@
 
 void ingest_init(struct ingest *g)
 {
-    pthread_condattr_t monotonic;
-
-    pthread_condattr_init(&monotonic);
-    pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
-    pthread_cond_init(&g->arrived, &monotonic);
-    pthread_condattr_destroy(&monotonic);
+    clock_condition(&g->arrived);
 }
 
 void ingest_finish(struct ingest *g)
@@ -310,27 +306,14 @@ static struct pushed *to_take(struct ingest *g)
     return g->lockstep.full ? &g->lockstep : g->live.full ? &g->live : NULL;
 }
 
-struct timespec ingest_later(struct timespec t, int ms)
-{
-    t.tv_sec += ms / 1000;
-    t.tv_nsec += ms % 1000 * 1000000L;
-    if (t.tv_nsec >= 1000000000L) {
-        t.tv_sec++;
-        t.tv_nsec -= 1000000000L;
-    }
-    return t;
-}
-
 /* {lock} Waits for a frame and moves it into *out. */
 static bool wait_frame(struct server *s, struct pushed *out, int timeout_ms)
 {
     struct ingest *g = &s->ingest;
-    struct timespec until;
-
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    until = ingest_later(until, timeout_ms);
+    const int64_t until_ms = clock_ms() + timeout_ms;
     struct pushed *from = to_take(g);
-    while (!from && pthread_cond_timedwait(&g->arrived, &s->lock, &until) == 0)
+
+    while (!from && clock_wait(&g->arrived, &s->lock, until_ms))
         from = to_take(g);
     if (!from)
         return false;

@@ -12,7 +12,6 @@
 #include "net/stream/server.h"
 
 #include <pthread.h>
-#include <time.h>
 
 #define INGEST_SEQUENCES 16 /* sequences remembered */
 #define INGEST_TICKETS 16   /* taken frames with open fate; the oldest live one is dropped */
@@ -147,5 +146,3 @@ void ingest_end(struct server *s, struct sequence *sequence);
 
 /* Whether the stream has ended and all its images are stored; *stored: how many. */
 bool ingest_is_over(struct server *s, const struct sequence *sequence, uint64_t *stored);
-
-struct timespec ingest_later(struct timespec t, int ms); /* t plus so many milliseconds, 0 or more */

@@ -13,7 +13,7 @@
 #define RETRY_MOST_MS 10000
 #define DRIFT 1e-4               /* by how much a sender's clock may be slower than ours */
 #define CLOCKS_APART_US 60000000 /* a sender's clock further from ours is wrong */
-#define IMAGELESS_MS 5000      /* then the state reports that there is no frame */
+#define IMAGELESS_MS 5000        /* then the state reports that there is no frame */
 
 struct live {
     struct footage_desc desc;
@@ -205,7 +205,6 @@ enum err live_start(const struct footage_desc *desc, struct footage *first, unsi
 {
     struct live *l = mem_alloc(1, sizeof(*l));
     enum demux_kind kind;
-    pthread_condattr_t clock;
 
     *out = NULL;
     if (!l)
@@ -217,10 +216,7 @@ enum err live_start(const struct footage_desc *desc, struct footage *first, unsi
     demux_name(desc->spec, l->name, sizeof(l->name));
     snprintf(l->state.text, sizeof(l->state.text), "connecting to %s", l->name);
     pthread_mutex_init(&l->lock, NULL);
-    pthread_condattr_init(&clock);
-    pthread_condattr_setclock(&clock, CLOCK_MONOTONIC);
-    pthread_cond_init(&l->changed, &clock);
-    pthread_condattr_destroy(&clock);
+    clock_condition(&l->changed);
     l->footage = first;
     l->running = pthread_create(&l->thread, NULL, run, l) == 0;
     if (!l->running) {
@@ -249,17 +245,13 @@ void live_stop(struct live *l)
 
 enum err live_next(struct live *l, int timeout_ms, struct frame *f, struct reason *why)
 {
-    struct timespec end;
+    const int64_t until_ms = clock_ms() + timeout_ms;
     enum err e = ERR_OK;
 
-    clock_gettime(CLOCK_MONOTONIC, &end);
-    end.tv_nsec += (long)timeout_ms * 1000000;
-    end.tv_sec += end.tv_nsec / 1000000000;
-    end.tv_nsec %= 1000000000;
     f->kind = FRAME_NONE;
     pthread_mutex_lock(&l->lock);
     l->wanted = true;
-    while (!l->fresh && !l->gave_up && pthread_cond_timedwait(&l->changed, &l->lock, &end) == 0)
+    while (!l->fresh && !l->gave_up && clock_wait(&l->changed, &l->lock, until_ms))
         continue;
     if (l->fresh) {
         const struct frame before = *f;

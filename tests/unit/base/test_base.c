@@ -425,6 +425,23 @@ static void closing_wakes_who_waits(void **state)
     handoff_finish(&h);
 }
 
+static void a_condition_is_waited_for_until_a_time(void **state)
+{
+    pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+    pthread_cond_t c;
+    (void)state;
+
+    clock_condition(&c);
+    pthread_mutex_lock(&lock);
+    assert_false(clock_wait(&c, &lock, clock_ms()));
+    const int64_t until_ms = clock_ms() + 3;
+    while (clock_wait(&c, &lock, until_ms)) /* nobody signals, but systems may wake a wait */
+        continue;
+    assert_true(clock_ms() >= until_ms);
+    pthread_mutex_unlock(&lock);
+    pthread_cond_destroy(&c);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_time_left_never_rises),
     cmocka_unit_test(long_work_gives_way_for_a_time),
@@ -442,6 +459,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_slot_taken_early_is_the_readers_next),
     cmocka_unit_test(frames_arrive_whole_and_in_order_between_threads),
     cmocka_unit_test(closing_wakes_who_waits),
+    cmocka_unit_test(a_condition_is_waited_for_until_a_time),
 };
 
 UNIT_MAIN(tests)

@@ -438,23 +438,6 @@ static void messages_beyond_the_rate_are_too_fast(void **state)
     }
 }
 
-static void milliseconds_are_added_to_a_time(void **state)
-{
-    static const struct {
-        int ms;
-        long sec, nsec;
-    } cases[] = {
-        { 0, 5, 700000000 }, { 299, 5, 999000000 }, { 300, 6, 0 }, { 1000, 6, 700000000 }, { 12345, 18, 45000000 }
-    };
-    (void)state;
-
-    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
-        const struct timespec t = ingest_later((struct timespec){ .tv_sec = 5, .tv_nsec = 700000000 }, cases[k].ms);
-        assert_int_equal(t.tv_sec, cases[k].sec);
-        assert_int_equal(t.tv_nsec, cases[k].nsec);
-    }
-}
-
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(an_image_arrives_bit_for_bit),
     cmocka_unit_test(who_comes_late_gets_the_last_image_at_once),
@@ -471,7 +454,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_new_state_is_told_without_waiting_for_the_next_turn),
     cmocka_unit_test(all_are_told_when_the_server_goes),
     cmocka_unit_test(a_rate_says_when_the_next_image_is_due),
-    cmocka_unit_test(milliseconds_are_added_to_a_time),
     cmocka_unit_test(messages_beyond_the_rate_are_too_fast),
 };
 UNIT_MAIN(tests)
