@@ -75,6 +75,8 @@ if "--paths direct" not in options:
     assert total["indirect"] > 0.0 and total["caustics"] > 0.0, total
 if whole:
     assert any(not near(b["R"], b["unfiltered.R"]) for b in layers)
+    image, unfiltered = (sum(luminance(b, n) for b in layers) for n in ("", "unfiltered."))
+    assert abs(unfiltered / image - 1.0) < 0.03, (unfiltered, image) # the filter keeps the light; layers have it once
 PY
     done
 }

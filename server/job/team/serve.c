@@ -20,18 +20,18 @@ static void pack_light(const struct team *t, const float *lo, size_t values, uin
         to[i] = half_round(lo[i] < 65504.0f ? lo[i] : 65504.0f);
 }
 
-static enum err take_sky(struct team *t, const struct order *order, const struct image_passes *passes,
-                         const struct plan *plan)
+static enum err take_sky(struct team *t, const struct order *order, const struct frame_plan *plan,
+                         const struct plan *choice)
 {
     const size_t cuts = cuts_bytes(t);
-    struct transport *cache = relighter_transport(t->desc.relighter, passes);
+    struct transport *cache = relighter_transport(t->desc.relighter, plan);
     enum err e = ERR_OK;
 
     if (order->sky) {
         transport_gather(cache);
         t->environment->ready = true;
         e = transport_unpack_sky(cache, t->in.at + cuts + order->faces, order->sky,
-                                 relighter_indirect(t->desc.relighter, passes, plan), t->environment);
+                                 relighter_indirect(t->desc.relighter, plan, choice), t->environment);
     }
     if (!e && order->faces) /* last: the unpacking clears the texels that were bright in the image before */
         environment_set_faces(t->environment, (const float *)(const void *)(t->in.at + cuts));
@@ -56,7 +56,7 @@ static void prepare(struct team *t, const struct order *order)
 /* Lights this rank's part and sends it, or in its stead *failed, by which rank 0 ends the image. */
 static enum err serve_one(struct team *t, const struct order *order, float *lo, enum err *failed)
 {
-    struct image_passes passes;
+    struct frame_plan plan;
     struct relight_stats stats = { 0 };
 
     memcpy(t->cuts, t->in.at, cuts_bytes(t));
@@ -64,11 +64,11 @@ static enum err serve_one(struct team *t, const struct order *order, float *lo, 
                                      order->narrow ? TRANSPORT_NARROW_OWN : TRANSPORT_NARROW_NONE, order->sky > 0 };
     const uint32_t packets = part.end - part.first;
     const double start = clock_seconds();
-    enum err e = light_work_unpack(t->desc.relighter, &order->work, &passes, &stats);
+    enum err e = light_work_unpack(t->desc.relighter, &order->work, &plan, &stats);
     if (!e)
-        e = take_sky(t, order, &passes, &stats.plan);
+        e = take_sky(t, order, &plan, &stats.plan);
     if (!e)
-        e = relighter_run_part(t->desc.relighter, t->environment, &passes, &part, lo, &stats);
+        e = relighter_run_part(t->desc.relighter, t->environment, &plan, &part, lo, &stats);
     const size_t size = answer_bytes(t, packets);
     uint8_t *out = room_for(&t->out[t->turn], size); /* the answer before may still be on its way */
     t->turn = !t->turn;

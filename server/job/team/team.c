@@ -6,7 +6,6 @@
 #include "base/log.h"
 #include "job/team/share.h"
 #include "light/frame/part.h"
-#include "light/frame/relight_passes.h"
 #include "scene/geometry/scene_digest.h"
 
 #include <inttypes.h>
@@ -105,27 +104,22 @@ static enum err expect_all(struct team *t, struct dealt *d)
     return e;
 }
 
-static bool has_paths(const struct image_passes *p)
-{
-    return p->eye[0].paths > 0 || p->eye[1].paths > 0;
-}
-
 /* Orders an image from the other ranks; a cache then has its sky. */
-static enum err deal(struct team *t, struct dealt *d, const struct environment *e, const struct image_passes *passes,
+static enum err deal(struct team *t, struct dealt *d, const struct environment *e, const struct frame_plan *plan,
                      const struct relight_stats *stats)
 {
-    struct transport *cache = relighter_transport(t->desc.relighter, passes);
-    const struct transport_indirect *indirect = relighter_indirect(t->desc.relighter, passes, &stats->plan);
-    const bool faces = !cache || has_paths(passes) || !transport_narrow_is_few(cache, t->count);
+    struct transport *cache = relighter_transport(t->desc.relighter, plan);
+    const struct transport_indirect *indirect = relighter_indirect(t->desc.relighter, plan, &stats->plan);
+    const bool faces = !cache || frame_plan_has(plan, PASS_EYE) || !transport_narrow_is_few(cache, t->count);
     enum err result = ERR_OK;
 
     d->e = e;
     memset(&d->order, 0, sizeof(d->order));
-    light_work_pack(passes, stats, &d->order.work);
+    light_work_pack(plan, stats, &d->order.work);
     if (cache) {
         transport_gather(cache);
         result = transport_take_sky(
-            cache, e, &(struct transport_frame){ .unsplit = passes->cached->unsplit, .indirect = indirect });
+            cache, e, &(struct transport_frame){ .unsplit = plan->pass[0].request->unsplit, .indirect = indirect });
     }
     d->order.narrow = faces;
     d->order.sky = cache ? transport_sky_bytes(cache, indirect) : 0;
@@ -173,11 +167,11 @@ static enum err take_all(struct team *t, const struct dealt *d, const struct pac
 
 /* With a cache that rank 0 has computed beside images. */
 static enum err alone(struct team *t, struct relighter *r, const struct environment *e,
-                      const struct image_passes *passes, float *lo, struct relight_stats *stats)
+                      const struct frame_plan *plan, float *lo, struct relight_stats *stats)
 {
     const struct light_part all = { 0, packets_of(t), TRANSPORT_NARROW_OWN, false };
 
-    const enum err result = relighter_run_part(r, e, passes, &all, lo, stats);
+    const enum err result = relighter_run_part(r, e, plan, &all, lo, stats);
 
     round_light(t, lo, all.end);
     return result;
@@ -207,24 +201,24 @@ static void look_ahead(struct team *t)
     struct relighter *r = t->desc.relighter;
     const struct environment *e;
     const struct relight_desc *request;
-    struct image_passes passes;
+    struct frame_plan plan;
     struct relight_stats stats;
 
-    if (!t->next || !t->next(t->next_context, &e, &request) || relighter_describe(r, e, request, &passes, &stats))
+    if (!t->next || !t->next(t->next_context, &e, &request) || relighter_describe(r, e, request, &plan, &stats))
         return;
-    if (!relighter_can_deal(r, &passes) || (passes.cached && !t->together))
+    if (!relighter_can_deal(r, &plan) || (frame_plan_has(&plan, PASS_CACHED) && !t->together))
         return;
-    const enum err failed = deal(t, &t->dealt[!t->turn], e, &passes, &stats);
+    const enum err failed = deal(t, &t->dealt[!t->turn], e, &plan, &stats);
     (void)failed;
 }
 
-static bool is_ordered(const struct dealt *d, const struct environment *e, const struct image_passes *passes,
+static bool is_ordered(const struct dealt *d, const struct environment *e, const struct frame_plan *plan,
                        const struct relight_stats *stats)
 {
     struct light_work work;
 
     memset(&work, 0, sizeof(work));
-    light_work_pack(passes, stats, &work);
+    light_work_pack(plan, stats, &work);
     return d->open && d->e == e && memcmp(&work, &d->order.work, sizeof(work)) == 0;
 }
 
@@ -247,27 +241,27 @@ static void learn_own(struct team *t, bool early, uint32_t packets, double part_
 
 /* Lights the shade points of an image on all ranks. */
 static enum err points(void *context, struct relighter *r, const struct environment *e,
-                       const struct image_passes *passes, float *lo, struct relight_stats *stats)
+                       const struct frame_plan *plan, float *lo, struct relight_stats *stats)
 {
     static const struct packet_list nothing = { NULL, 0 };
     struct team *t = context;
-    const struct transport *cache = relighter_transport(r, passes);
+    const struct transport *cache = relighter_transport(r, plan);
     struct dealt *d = &t->dealt[t->turn];
     enum err result = ERR_OK;
 
     if (cache && !t->together)
-        return alone(t, r, e, passes, lo, stats);
-    const bool early = is_ordered(d, e, passes, stats);
+        return alone(t, r, e, plan, lo, stats);
+    const bool early = is_ordered(d, e, plan, stats);
     if (!early)
         result = receive(t, d);
     if (!early && !result)
-        result = deal(t, d, e, passes, stats);
+        result = deal(t, d, e, plan, stats);
     const bool narrow = cache && !d->order.narrow;
     const struct light_part own = { d->cuts[0], d->cuts[1], narrow ? TRANSPORT_NARROW_ALL : TRANSPORT_NARROW_OWN,
                                     cache != NULL };
     const double start = clock_seconds();
     if (!result)
-        result = relighter_run_part(r, e, passes, &own, lo, stats);
+        result = relighter_run_part(r, e, plan, &own, lo, stats);
     round_light(t, lo + (size_t)own.first * BLOCK, own.end - own.first);
     const double lit = clock_seconds();
     if (!result)
@@ -282,7 +276,7 @@ static enum err points(void *context, struct relighter *r, const struct environm
     t->stats.dealt++;
     t->stats.early += early;
     t->stats.memory = relighter_memory(r);
-    if (!is_cancelled(passes->direct.cancel))
+    if (!is_cancelled(plan->cancel))
         learn_own(t, early, own.end - own.first, lit - start, looked);
     result = result ? result : received;
     if (!result)

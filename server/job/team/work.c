@@ -21,40 +21,59 @@ struct relight_desc light_work_request(const struct relight_desc *request)
     return d;
 }
 
-void light_work_pack(const struct image_passes *passes, const struct relight_stats *stats, struct light_work *work)
+static void pack_eye(const struct eye_paths_desc *eye, struct light_work *work)
 {
-    *work = (struct light_work){ .by_cache = passes->cached != NULL,
-                                 .eye_left = passes->eye[1].only != NULL,
-                                 .direct = passes->direct,
-                                 .eye = { passes->eye[0], passes->eye[1] },
-                                 .plan = stats->plan };
+    struct eye_paths_desc *own = &work->eye[eye->only != NULL];
+
+    work->eye_left |= eye->only != NULL;
+    *own = *eye;
+    own->counts = NULL;
+    own->only = NULL;
+    own->cancel = NULL;
+    own->progress = NULL;
+    own->scratch = NULL;
+}
+
+void light_work_pack(const struct frame_plan *plan, const struct relight_stats *stats, struct light_work *work)
+{
+    *work = (struct light_work){ .plan = stats->plan };
     for (uint32_t k = 0; k < PLAN_LEFT_OUT_MAX; k++)
         work->plan.left_out[k] = NULL;
     work->plan.left_out_count = 0;
-    if (passes->cached)
-        work->cached = light_work_request(passes->cached);
-    forget_pointers(&work->direct);
-    for (int k = 0; k < 2; k++) {
-        work->eye[k].counts = NULL;
-        work->eye[k].only = NULL;
-        work->eye[k].cancel = NULL;
-        work->eye[k].progress = NULL;
-        work->eye[k].scratch = NULL;
+    for (uint32_t k = 0; k < plan->count; k++) {
+        const struct pass *s = &plan->pass[k];
+        if (s->kind == PASS_CACHED) {
+            work->by_cache = true;
+            work->cached = light_work_request(s->request);
+        } else if (s->kind == PASS_DIRECT) {
+            work->direct = s->direct;
+            forget_pointers(&work->direct);
+        } else if (s->kind == PASS_EYE) {
+            pack_eye(&s->eye, work);
+        }
     }
 }
 
-enum err light_work_unpack(struct relighter *r, const struct light_work *work, struct image_passes *passes,
+enum err light_work_unpack(struct relighter *r, const struct light_work *work, struct frame_plan *plan,
                            struct relight_stats *stats)
 {
-    *passes = (struct image_passes){ .cached = work->by_cache ? &work->cached : NULL,
-                                       .direct = work->direct,
-                                       .eye = { work->eye[0], work->eye[1] } };
+    const struct packet_list *left = relighter_left(r);
+
+    plan->count = 0;
+    plan->background = false;
+    plan->cancel = NULL;
     *stats = (struct relight_stats){ .plan = work->plan };
-    if (work->eye_left)
-        passes->eye[1].only = relighter_left(r);
-    const bool complete = !work->by_cache || relighter_transport(r, passes);
-    return complete && (!work->eye_left || passes->eye[1].only) &&
-                   (work->plan.indirect != PLAN_CACHE || !work->by_cache || relighter_left(r))
+    if (work->by_cache)
+        frame_plan_add(plan, PASS_CACHED, PATH_DIRECT)->request = &work->cached;
+    else
+        frame_plan_add(plan, PASS_DIRECT, PATH_DIRECT)->direct = work->direct;
+    for (int k = 0; k < (work->eye_left ? 2 : 1); k++) {
+        struct pass *s = frame_plan_add(plan, PASS_EYE, work->eye[k].classes | work->eye[k].behind_classes);
+        s->eye = work->eye[k];
+        s->eye.only = k ? left : NULL;
+    }
+    const bool complete = !work->by_cache || relighter_transport(r, plan);
+    return complete && (!work->eye_left || left) && (work->plan.indirect != PLAN_CACHE || !work->by_cache || left)
                ? ERR_OK
                : ERR_IO;
 }

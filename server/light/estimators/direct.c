@@ -24,6 +24,15 @@ struct direct {
     bool tabled; /* in the last call, the strata were those of the table */
 };
 
+void direct_stats_add(struct direct_stats *to, const struct direct_stats *more)
+{
+    to->rays += more->rays;
+    to->generated += more->generated;
+    to->chosen += more->chosen;
+    to->effective += more->effective;
+    to->lobes += more->lobes;
+}
+
 struct direct *direct_create(const struct kernels *kernels)
 {
     struct direct *d = mem_alloc(1, sizeof(*d));

@@ -81,6 +81,9 @@ struct direct_stats {
     bool compensated;
 };
 
+/* Adds the counts of another run; strata and what else describes the tables stay. */
+void direct_stats_add(struct direct_stats *to, const struct direct_stats *more);
+
 /* kernels: from kernels_select; must outlive the object. The caller owns the result. NULL: out of memory. */
 struct direct *direct_create(const struct kernels *kernels);
 void direct_destroy(struct direct *d); /* NULL is allowed */

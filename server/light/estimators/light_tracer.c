@@ -12,6 +12,14 @@ struct light_tracer {
     double *sum; /* [height][width][3], of one run; with a ground twice, the second for what arrives on it */
 };
 
+void light_tracer_stats_add(struct light_tracer_stats *to, const struct light_tracer_stats *more)
+{
+    to->particles += more->particles;
+    to->starts_hit += more->starts_hit;
+    to->rays += more->rays;
+    to->splats += more->splats;
+}
+
 struct light_tracer *light_tracer_create(const struct scene *scene, const struct rays *rays, const struct view *view)
 {
     struct light_tracer *t = mem_alloc(1, sizeof(*t));

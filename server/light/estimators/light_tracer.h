@@ -59,6 +59,8 @@ struct light_tracer_stats {
     uint64_t splats;
 };
 
+void light_tracer_stats_add(struct light_tracer_stats *to, const struct light_tracer_stats *more);
+
 /* Scene and rays must outlive the object; the view is copied. Memory: 24 bytes per pixel, 48 with a ground, and about
  * 10 MB of buffered splats. NULL: out of memory. The caller owns the result. */
 struct light_tracer *light_tracer_create(const struct scene *scene, const struct rays *rays, const struct view *view);

@@ -3,7 +3,6 @@
 #include "base/cancel.h"
 #include "base/mem.h"
 #include "base/rng.h"
-#include "light/frame/relight_plan.h"
 #include "light/resolve/backplate.h"
 
 #include <string.h>
@@ -28,7 +27,12 @@ struct beside {
     float *image, *rest; /* [images][height][width][3]; rest: splats without a shade point, summed over images */
     uint32_t pictures;   /* in rest: since the sky or the estimator changed */
     uint64_t key;        /* of the last image */
-    const struct relight_desc *grows; /* the image's, if stored paths are to grow; else NULL */
+    /* Of the image: */
+    const struct relight_desc *grows;  /* its request, if stored paths are to grow; else NULL */
+    const struct relight_desc *stored_by; /* the same, if it shows stored paths; else NULL */
+    struct light_tracer_desc light[2]; /* particles 0: none */
+    bool glides;                       /* nothing is sampled */
+    const atomic_bool *cancel;         /* may be NULL */
 };
 
 struct beside *beside_create(const struct prepared_scene *set, struct denoiser *denoiser)
@@ -94,26 +98,52 @@ static void begin(struct beside *b, uint64_t key, bool still, bool glides)
     b->key = key;
 }
 
-void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
-                     const struct plan *plan, bool still, struct image_passes *passes)
+/* Caustics by eye paths leave the passes' eye paths. */
+static struct eye_paths_desc take_eye_paths(const struct environment *e, struct frame_plan *plan)
 {
-    struct eye_paths_desc *eye = &passes->eye[0], *own = &passes->eye_beside;
+    struct pass *s = frame_plan_find(plan, PASS_EYE);
 
-    if (!passes->glides)
-        begin(b, (uint64_t)desc->classes << 8 | (uint64_t)plan->caustics << 4 | plan->indirect_caustics, still,
+    if (!s || s->eye.only)
+        return (struct eye_paths_desc){ .paths = 0 };
+    struct eye_paths_desc own = s->eye;
+    own.classes &= PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC;
+    own.behind_classes &= ~(uint32_t)PATH_INDIRECT_LIT;
+    own.most = 3.0 * BRIGHTEST * e->total_energy / PI;
+    own.paths = own.classes ? MOST_PATHS : own.behind_classes ? s->eye.paths : 0;
+    s->eye.classes &= PATH_INDIRECT_LIT;
+    s->eye.behind_classes &= PATH_INDIRECT_LIT;
+    s->classes &= PATH_INDIRECT_LIT;
+    if (!s->classes)
+        frame_plan_remove(plan, s);
+    return own;
+}
+
+static void take_particles(struct beside *b, struct frame_plan *plan)
+{
+    b->light[0] = b->light[1] = (struct light_tracer_desc){ .particles = 0 };
+    for (uint32_t k = 0, i = 0; k < plan->count; k++)
+        if (plan->pass[k].kind == PASS_PARTICLES)
+            b->light[i++] = plan->pass[k].light;
+    frame_plan_drop(plan, PASS_PARTICLES);
+}
+
+void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
+                     const struct relight_stats *stats, bool glides, struct frame_plan *plan)
+{
+    const struct plan *p = &stats->plan;
+
+    b->glides = glides;
+    b->cancel = desc->direct.cancel;
+    if (!glides)
+        begin(b, (uint64_t)desc->classes << 8 | (uint64_t)p->caustics << 4 | p->indirect_caustics, stats->still,
               desc->glide);
-    passes->beside = b;
-    b->grows = relight_plan_later(desc, plan) ? desc : NULL;
-    *own = *eye;
-    own->cancel = desc->direct.cancel;
-    own->classes &= PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC;
-    own->behind_classes &= ~(uint32_t)PATH_INDIRECT_LIT;
-    own->most = 3.0 * BRIGHTEST * e->total_energy / PI;
-    own->paths = own->classes ? MOST_PATHS : own->behind_classes ? eye->paths : 0;
-    eye->classes &= PATH_INDIRECT_LIT;
-    eye->behind_classes &= PATH_INDIRECT_LIT;
-    if (!(eye->classes | eye->behind_classes))
-        eye->paths = 0;
+    b->grows = relight_plan_later(desc, p) ? desc : NULL;
+    b->stored_by = frame_plan_has(plan, PASS_STORED) ? desc : NULL;
+    frame_plan_drop(plan, PASS_STORED);
+    take_particles(b, plan);
+    const struct eye_paths_desc eye = take_eye_paths(e, plan);
+    frame_plan_add(plan, PASS_BESIDE, PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC)->eye = eye;
+    frame_plan_add(plan, PASS_REST, 0);
 }
 
 /* Whether a point takes splats of image 0 or 1. */
@@ -156,17 +186,17 @@ static void move_splats(struct beside *b, float *lo)
 
 /* Both halves of the stored light. Until there is other light to show, the store grows only enough for this image. */
 static enum err run_stored(struct beside *b, struct relight_caustics *c, const struct environment *e,
-                           const struct image_passes *p, struct relight_stats *stats)
+                           struct relight_stats *stats)
 {
     const uint64_t turn = accumulation_turn(b->accumulation);
     enum err result = ERR_OK;
 
     for (int k = 0; k < 2; k++)
         memset(b->stored[k], 0, b->points * sizeof(float));
-    if (b->grows && (turn > 0 || p->stored))
+    if (b->grows && (turn > 0 || b->stored_by))
         result = relight_caustics_grow(c, b->grows, turn > 0 ? GROW_S : 0.0, stats);
-    for (uint32_t k = 0; k < 2 && p->stored && !result; k++) {
-        result = relight_caustics_half(c, e, p->stored, k, b->image);
+    for (uint32_t k = 0; k < 2 && b->stored_by && !result; k++) {
+        result = relight_caustics_half(c, e, b->stored_by, k, b->image);
         move_splats(b, b->stored[k]);
     }
     return result;
@@ -185,36 +215,33 @@ static enum err run_particles(struct beside *b, struct passes *s, const struct e
     own.pass = 0;
     own.seed = rng_mix(desc->seed, 2 * accumulation_turn(b->accumulation) + k);
     const enum err result = light_tracer_run(s->light, e, &own, b->image, &one);
-    stats->light.particles += one.particles;
-    stats->light.starts_hit += one.starts_hit;
-    stats->light.rays += one.rays;
-    stats->light.splats += one.splats;
+    light_tracer_stats_add(&stats->light, &one);
     return result;
 }
 
 /* New samples, to half k. */
 static enum err run_half(struct beside *b, struct passes *s, const struct relight_caustics *c,
-                         const struct environment *e, const struct image_passes *p, int k,
+                         const struct environment *e, const struct eye_paths_desc *eye, uint64_t k,
                          struct relight_stats *stats)
 {
-    struct image_passes few = { .eye = { p->eye_beside } }, half;
-    float *lo = denoiser_half(b->denoiser, k);
-    struct eye_paths_stats eye = { 0 };
+    struct eye_paths_desc own = *eye;
+    float *lo = denoiser_half(b->denoiser, (int)k);
+    struct eye_paths_stats found = { 0 };
     struct light_tracer_desc sun = { .particles = 0 };
     enum err result = ERR_OK;
 
-    few.eye[0].paths = (few.eye[0].paths + 1) / 2;
-    few.eye[0].pass = accumulation_turn(b->accumulation);
-    passes_half(&few, k, &half);
+    own.paths = (own.paths + 1) / 2;
+    own.pass = 2 * accumulation_turn(b->accumulation) + k;
+    own.seed = rng_mix(own.seed, k);
     memset(lo, 0, b->points * sizeof(float));
-    if (half.eye[0].paths > 0)
-        result = eye_paths_shade(b->set->scene, b->set->rays, b->set->gbuffer, e, &half.eye[0], lo, &eye);
-    stats->eye.paths += eye.paths;
-    stats->eye.rays += eye.rays;
-    if (p->stored)
-        sun = relight_caustics_sun(c, e, p->stored, stats->plan.particles);
+    if (own.paths > 0)
+        result = eye_paths_shade(b->set->scene, b->set->rays, b->set->gbuffer, e, &own, lo, &found);
+    stats->eye.paths += found.paths;
+    stats->eye.rays += found.rays;
+    if (b->stored_by)
+        sun = relight_caustics_sun(c, e, b->stored_by, stats->plan.particles);
     for (int i = 0; i < 3 && !result; i++)
-        result = run_particles(b, s, e, i < 2 ? &p->light[i] : &sun, (uint64_t)k, stats);
+        result = run_particles(b, s, e, i < 2 ? &b->light[i] : &sun, k, stats);
     move_splats(b, lo);
     return result;
 }
@@ -227,22 +254,20 @@ static void add_shown(const struct beside *b, float *lo)
 }
 
 enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics, const struct environment *e,
-                    const struct image_passes *passes, struct relight_stats *stats)
+                    const struct eye_paths_desc *eye, struct relight_stats *stats)
 {
-    const atomic_bool *cancel = passes->eye_beside.cancel;
-
-    if (!stats->bias && passes->eye_beside.paths > 0)
+    if (!stats->bias && eye->paths > 0)
         stats->bias = "caustics behind mirrors and glass: no path brings more than a limit";
-    if (passes->glides) {
+    if (b->glides) {
         accumulation_glide(b->accumulation, b->shown);
         add_shown(b, s->lo);
         return ERR_OK;
     }
-    enum err result = run_stored(b, caustics, e, passes, stats);
+    enum err result = run_stored(b, caustics, e, stats);
 
-    for (int k = 0; k < 2 && !result; k++)
-        result = run_half(b, s, caustics, e, passes, k, stats);
-    if (result || is_cancelled(cancel)) {
+    for (uint64_t k = 0; k < 2 && !result; k++)
+        result = run_half(b, s, caustics, e, eye, k, stats);
+    if (result || is_cancelled(b->cancel)) {
         b->pictures = 0; /* rest has a part of this image: it begins anew */
         return result;
     }

@@ -28,16 +28,16 @@ void beside_destroy(struct beside *b); /* NULL is allowed */
 /* Whether images of desc need a struct beside: live, of a scene with mirrors or glass. */
 bool beside_wanted(const struct prepared_scene *set, const struct relight_desc *desc);
 
-/* Begins an image under e; still: it is the last image's sky. Moves caustics by eye paths, and everything but
- * indirect light behind mirrors and glass, from its passes to eye_beside, with a limit for the contribution of a path.
- */
+/* Begins an image under e of which stats->plan and stats->still are known; glides: nothing will be sampled. Takes from
+ * its passes stored paths, particles, caustics by eye paths, and everything but indirect light behind mirrors and
+ * glass, with a limit for the contribution of a path; adds PASS_BESIDE and PASS_REST. */
 void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
-                     const struct plan *plan, bool still, struct image_passes *passes);
+                     const struct relight_stats *stats, bool glides, struct frame_plan *plan);
 
-/* Adds the image's light to s->lo: stored paths, whose number grows by it, the particles of passes, and eye_beside.
+/* Adds the image's light to s->lo: stored paths, whose number grows by it, particles, and the eye paths of PASS_BESIDE.
  * Adds to *stats. ERR_NOMEM. */
 MUST_CHECK enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics,
-                               const struct environment *e, const struct image_passes *passes,
+                               const struct environment *e, const struct eye_paths_desc *eye,
                                struct relight_stats *stats);
 
 /* Adds to rgb, float[height][width][3], the splats on pixels without a directly visible shade point. ground: the

@@ -54,69 +54,34 @@ static void add(const struct prepared_scene *set, float *to, float scale, const 
         to[i] += scale * from[i];
 }
 
-/* relighter_run_passes, whose times are added up. */
-static enum err run(struct relighter *r, const struct environment *e, const struct image_passes *p, float *rgb,
-                    struct relight_stats *stats)
+/* Leaves these classes alone, without the filter. */
+static struct frame_plan of_classes(const struct frame_plan *all, uint32_t classes)
 {
-    const double before[] = { stats->shade_ms, stats->eye_ms, stats->light_ms, stats->filter_ms, stats->resolve_ms };
-    struct pass_costs costs;
-    const enum err e2 = relighter_run_passes(r, e, p, rgb, stats, &costs);
+    struct frame_plan p = *all;
 
-    stats->shade_ms += before[0];
-    stats->eye_ms += before[1];
-    stats->light_ms += before[2];
-    stats->filter_ms += before[3];
-    stats->resolve_ms += before[4];
-    return e2;
-}
-
-/* Leaves these classes alone in the passes. */
-static void keep_classes(struct image_passes *p, uint32_t classes)
-{
-    if (!(classes & PATH_DIRECT)) {
-        p->cached = NULL;
-        p->direct.samples = 0;
-    }
-    for (int k = 0; k < 2; k++) {
-        p->eye[k].classes &= classes;
-        p->eye[k].behind_classes &= classes;
-        if (!(p->eye[k].classes | p->eye[k].behind_classes))
-            p->eye[k].paths = 0;
-        p->light[k].shown = p->light[k].classes & classes;
-        if (!p->light[k].shown)
-            p->light[k].particles = 0;
-    }
-    if (!(classes & PATH_CAUSTICS)) {
-        p->stored = NULL;
-        p->stored_behind = 0;
-    }
-    p->background = classes & PATH_BACKGROUND && p->background;
-    p->denoiser = NULL;
-}
-
-static void drop_particles(struct image_passes *p)
-{
-    p->light[0].particles = p->light[1].particles = 0;
-    p->stored = NULL;
+    frame_plan_keep(&p, classes);
+    frame_plan_drop(&p, PASS_FILTER);
+    return p;
 }
 
 /* The passes' light before the denoiser: the mean of its two input halves, plus particles. */
-static enum err run_unfiltered(struct relighter *r, const struct environment *e, const struct image_passes *p,
-                               bool halves, float *scratch, float *rgb, struct relight_stats *stats)
+static enum err run_unfiltered(struct relighter *r, const struct environment *e, struct frame_plan *p, bool halves,
+                               float *scratch, float *rgb, struct relight_stats *stats)
 {
-    struct image_passes half = *p, rest = *p;
+    struct frame_plan half, rest;
     enum err result;
 
     if (!halves)
-        return run(r, e, p, rgb, stats);
-    keep_classes(&rest, PATH_ALL & ~(uint32_t)PATH_DIRECT);
-    rest.eye[0].paths = rest.eye[1].paths = 0;
-    result = run(r, e, &rest, rgb, stats);
+        return relighter_run_plan(r, e, p, rgb, stats);
+    rest = of_classes(p, PATH_ALL & ~(uint32_t)PATH_DIRECT);
+    frame_plan_drop(&rest, PASS_EYE);
+    result = relighter_run_plan(r, e, &rest, rgb, stats);
     for (int k = 0; k < 2 && !result; k++) {
-        passes_half(p, k, &half);
+        frame_plan_half(p, k, &half);
         half.background = false;
-        drop_particles(&half);
-        result = run(r, e, &half, scratch, stats);
+        frame_plan_drop(&half, PASS_PARTICLES);
+        frame_plan_drop(&half, PASS_STORED);
+        result = relighter_run_plan(r, e, &half, scratch, stats);
         if (!result)
             add(relighter_set(r), rgb, 0.5f, scratch);
     }
@@ -125,19 +90,19 @@ static enum err run_unfiltered(struct relighter *r, const struct environment *e,
 
 /* The layer of one class. Indirect light by the cache comes together with direct light, so its layer is the
  * difference. */
-static enum err run_class(struct relighter *r, const struct environment *e, const struct image_passes *all,
+static enum err run_class(struct relighter *r, const struct environment *e, const struct frame_plan *all,
                           enum light_layer layer, struct layers *l, struct relight_stats *stats)
 {
     const enum plan_estimator indirect = stats->plan.indirect;
-    const bool cache = all->cached && indirect == PLAN_CACHE;
-    struct image_passes p = *all;
+    const bool cache = frame_plan_has(all, PASS_CACHED) && indirect == PLAN_CACHE;
+    const uint32_t classes = layer == LAYER_BACKGROUND ? PATH_BACKGROUND : classes_of[layer];
+    struct frame_plan p = of_classes(all, classes);
 
-    keep_classes(&p, layer == LAYER_BACKGROUND ? PATH_BACKGROUND : classes_of[layer]);
     if (layer == LAYER_INDIRECT && cache)
-        p.cached = all->cached;
+        p.pass[0] = all->pass[0]; /* of the cache */
     if (layer == LAYER_DIRECT)
         stats->plan.indirect = PLAN_NONE;
-    const enum err result = run_unfiltered(r, e, &p, all->denoiser != NULL, l->scratch, l->light[layer], stats);
+    const enum err result = run_unfiltered(r, e, &p, frame_plan_is_filtered(all), l->scratch, l->light[layer], stats);
     stats->plan.indirect = indirect;
     if (!result && layer == LAYER_INDIRECT && cache)
         add(relighter_set(r), l->light[layer], -1.0f, l->light[LAYER_DIRECT]);
@@ -170,35 +135,35 @@ static bool find_sun(struct layers *l, const struct environment *e, enum err *re
 
 /* Direct light by the same samples, of which only those that hit the sun count. Techniques with tables of their own,
  * the cache and lat-long texels, sample the sun anew. */
-static enum err run_sun(struct relighter *r, struct environment *e, const struct image_passes *all, struct layers *l,
+static enum err run_sun(struct relighter *r, struct environment *e, const struct frame_plan *all, struct layers *l,
                         struct relight_stats *stats)
 {
-    const enum strata_kind strata = all->cached ? STRATA_LATLONG : method_recipe(all->direct.method)->strata;
+    struct frame_plan p = of_classes(all, PATH_DIRECT);
+    struct pass *s = &p.pass[0]; /* direct light comes first */
+    const bool cached = s->kind == PASS_CACHED;
+    const enum strata_kind strata = cached ? STRATA_LATLONG : method_recipe(s->direct.method)->strata;
     const bool fresh = strata == STRATA_LATLONG || strata == STRATA_ROWS;
     struct texel *texels = e->texels;
-    struct image_passes p = *all;
     struct relight_stats own = { .plan = { .indirect = PLAN_NONE } };
 
-    keep_classes(&p, PATH_DIRECT);
-    if (all->cached) {
-        p.direct = all->cached->direct;
-        p.cached = NULL;
-    }
+    if (cached)
+        *s = (struct pass){ PASS_DIRECT, .half = -1, .classes = PATH_DIRECT, .direct = s->request->direct };
     if (fresh)
-        p.direct.method = METHOD_AUTO;
-    p.direct.keep = !fresh;
+        s->direct.method = METHOD_AUTO;
+    s->direct.keep = !fresh;
     environment_complete(e); /* by all its texels, before some are black */
     environment_complete_pyramid(e);
     relighter_hold_ground(r, true);
     e->texels = l->sun;
-    const enum err result = run_unfiltered(r, e, &p, all->denoiser != NULL, l->scratch, l->light[LAYER_SUN], &own);
+    const enum err result =
+        run_unfiltered(r, e, &p, frame_plan_is_filtered(all), l->scratch, l->light[LAYER_SUN], &own);
     e->texels = texels;
     relighter_hold_ground(r, false);
     stats->shade_ms += own.shade_ms;
     return result;
 }
 
-static enum err split_direct(struct relighter *r, struct environment *e, const struct image_passes *all,
+static enum err split_direct(struct relighter *r, struct environment *e, const struct frame_plan *all,
                              struct layers *l, struct relight_stats *stats)
 {
     const struct prepared_scene *set = relighter_set(r);
@@ -206,7 +171,7 @@ static enum err split_direct(struct relighter *r, struct environment *e, const s
 
     memset(l->light[LAYER_SUN], 0, 3 * pixels_of(set) * sizeof(float));
     memcpy(l->light[LAYER_SKY], l->light[LAYER_DIRECT], 3 * pixels_of(set) * sizeof(float));
-    if ((!all->cached && all->direct.samples == 0) || !find_sun(l, e, &result))
+    if (!(all->pass[0].classes & PATH_DIRECT) || !find_sun(l, e, &result))
         return result;
     result = run_sun(r, e, all, l, stats);
     if (!result)
@@ -231,32 +196,46 @@ float layers_error(const float *whole, const float *half, uint32_t width, uint32
     return (float)sqrt(sum / (3.0 * count));
 }
 
-/* By a second image of half as many samples and other random numbers. */
-static enum err estimate_error(struct relighter *r, const struct environment *e, const struct image_passes *all,
+/* Half as many samples, by other random numbers. `by`: 1 if counts are those of a half already, else 2. */
+static void sample_again(struct pass *s, uint32_t by, struct relight_desc *cached)
+{
+    switch (s->kind) {
+    case PASS_CACHED:
+        *cached = *s->request;
+        cached->direct.seed = rng_mix(cached->direct.seed, SEED_AGAIN);
+        cached->direct.samples = (cached->direct.samples + by - 1) / by;
+        s->request = cached;
+        break;
+    case PASS_DIRECT:
+        s->direct.seed = rng_mix(s->direct.seed, SEED_AGAIN);
+        s->direct.samples = (s->direct.samples + by - 1) / by;
+        break;
+    case PASS_EYE:
+        s->eye.seed = rng_mix(s->eye.seed, SEED_AGAIN);
+        s->eye.paths = (s->eye.paths + by - 1) / by;
+        break;
+    case PASS_PARTICLES:
+        s->light.seed = rng_mix(s->light.seed, SEED_AGAIN);
+        s->light.particles = (s->light.particles + 1) / 2;
+        break;
+    default: break;
+    }
+}
+
+/* By a second image. */
+static enum err estimate_error(struct relighter *r, const struct environment *e, const struct frame_plan *all,
                                struct layers *l, struct relight_stats *stats)
 {
     const struct gbuffer *g = relighter_set(r)->gbuffer;
-    const uint32_t by = all->denoiser ? 1 : 2; /* with the denoiser, counts are those of a half already */
+    const uint32_t by = frame_plan_is_filtered(all) ? 1 : 2;
     struct relight_stats own = { .plan = stats->plan };
-    struct image_passes p = *all;
+    struct frame_plan p = *all;
     struct relight_desc cached;
 
-    p.denoiser = NULL;
-    p.direct.seed = rng_mix(p.direct.seed, SEED_AGAIN);
-    p.direct.samples = (p.direct.samples + by - 1) / by;
-    if (p.cached) {
-        cached = *p.cached;
-        cached.direct.seed = p.direct.seed = rng_mix(cached.direct.seed, SEED_AGAIN);
-        cached.direct.samples = (cached.direct.samples + by - 1) / by;
-        p.cached = &cached;
-    }
-    for (int k = 0; k < 2; k++) {
-        p.eye[k].seed = rng_mix(p.eye[k].seed, SEED_AGAIN);
-        p.eye[k].paths = (p.eye[k].paths + by - 1) / by;
-        p.light[k].seed = rng_mix(p.light[k].seed, SEED_AGAIN);
-        p.light[k].particles = (p.light[k].particles + 1) / 2;
-    }
-    const enum err result = run(r, e, &p, l->scratch, &own);
+    frame_plan_drop(&p, PASS_FILTER);
+    for (uint32_t k = 0; k < p.count; k++)
+        sample_again(&p.pass[k], by, &cached);
+    const enum err result = relighter_run_plan(r, e, &p, l->scratch, &own);
     if (result)
         return result;
     stats->shade_ms += own.shade_ms;
@@ -275,7 +254,7 @@ enum err relighter_run_layers(struct relighter *r, struct environment *e, const 
                               struct layers *l, float *rgb, struct relight_stats *stats)
 {
     const size_t bytes = 3 * pixels_of(relighter_set(r)) * sizeof(float);
-    struct image_passes all;
+    struct frame_plan all;
     enum err result = relighter_describe(r, e, desc, &all, stats);
 
     /* The sun directly after direct light, whose tables it shares. */
@@ -290,8 +269,8 @@ enum err relighter_run_layers(struct relighter *r, struct environment *e, const 
     for (int k = LAYER_DIRECT + 1; k <= LAYER_BACKGROUND; k++)
         add(relighter_set(r), l->unfiltered, 1.0f, l->light[k]);
     result = estimate_error(r, e, &all, l, stats);
-    if (result || all.denoiser)
-        return result ? result : run(r, e, &all, rgb, stats);
+    if (result || frame_plan_is_filtered(&all))
+        return result ? result : relighter_run_plan(r, e, &all, rgb, stats);
     memcpy(rgb, l->unfiltered, bytes);
     return ERR_OK;
 }

@@ -48,15 +48,17 @@ void relighter_round(struct relighter *r, bool half)
 }
 
 /* A cache under construction changes from image to image, and only in this process. */
-struct transport *relighter_transport(const struct relighter *r, const struct image_passes *passes)
+struct transport *relighter_transport(const struct relighter *r, const struct frame_plan *plan)
 {
-    return passes->cached && !r->cache.refused && relight_cache_is_settled(&r->cache) ? r->cache.transport : NULL;
+    const bool cached = frame_plan_has(plan, PASS_CACHED) && !r->cache.refused;
+
+    return cached && relight_cache_is_settled(&r->cache) ? r->cache.transport : NULL;
 }
 
-const struct transport_indirect *relighter_indirect(const struct relighter *r, const struct image_passes *passes,
-                                                    const struct plan *plan)
+const struct transport_indirect *relighter_indirect(const struct relighter *r, const struct frame_plan *plan,
+                                                    const struct plan *choice)
 {
-    return passes->cached && plan->indirect == PLAN_CACHE && r->cache.indirect.indirect
+    return frame_plan_has(plan, PASS_CACHED) && choice->indirect == PLAN_CACHE && r->cache.indirect.indirect
                ? indirect_of_frame(r->cache.indirect.indirect)
                : NULL;
 }
@@ -73,7 +75,7 @@ const struct prepared_scene *relighter_set(const struct relighter *r)
 
 const float *relighter_points(const struct relighter *r)
 {
-    return r->points;
+    return r->passes.lo;
 }
 
 const struct transport *relighter_cache(const struct relighter *r)
@@ -94,15 +96,28 @@ uint64_t relighter_memory(const struct relighter *r)
            (c->indirect.indirect ? indirect_stats(c->indirect.indirect)->bytes : 0);
 }
 
-bool relighter_can_deal(const struct relighter *r, const struct image_passes *p)
+static bool can_deal(const struct relighter *r, const struct frame_plan *plan, const struct pass *s)
 {
-    const struct direct_desc *d = &p->direct;
-    bool own = !p->denoiser && !p->accumulation && !r->passes.backplate && !p->eye[0].only && !p->eye[0].counts;
+    const struct direct_desc *d = &s->direct;
 
-    own = own && (!p->eye[1].only || p->eye[1].only == relighter_left(r)) && !p->eye[1].counts;
-    return own &&
-           (p->cached ? relighter_transport(r, p) != NULL
-                      : !d->only && !d->keep && !d->counts && !d->log && d->cells <= 1 && light_deals(d->method));
+    switch (s->kind) {
+    case PASS_CACHED: return relighter_transport(r, plan) != NULL;
+    case PASS_EYE: return !s->eye.counts && (!s->eye.only || s->eye.only == relighter_left(r));
+    case PASS_DIRECT: return !d->only && !d->keep && !d->counts && !d->log && d->cells <= 1 && light_deals(d->method);
+    case PASS_GLIDE:
+    case PASS_FILTER:
+    case PASS_ACCUMULATE:
+    case PASS_LEAVE: return false;
+    default: return true; /* the first process's */
+    }
+}
+
+bool relighter_can_deal(const struct relighter *r, const struct frame_plan *plan)
+{
+    for (uint32_t k = 0; k < plan->count; k++)
+        if (!can_deal(r, plan, &plan->pass[k]))
+            return false;
+    return !r->passes.backplate;
 }
 
 bool relighter_number_packets(struct relighter *r)

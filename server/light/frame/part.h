@@ -20,7 +20,7 @@ struct light_part {
 /* Lights all shade points of an image into lo with several processes; *stats is that of the caller's part. */
 struct light_team {
     enum err (*points)(void *context, struct relighter *r, const struct environment *e,
-                       const struct image_passes *passes, float *lo, struct relight_stats *stats);
+                       const struct frame_plan *plan, float *lo, struct relight_stats *stats);
     void *context;
 };
 
@@ -46,12 +46,12 @@ void light_round(float *lo, size_t count);
 bool light_deals(enum method method);
 
 /* Whether every packet's light in these passes depends on that packet alone. */
-bool relighter_can_deal(const struct relighter *r, const struct image_passes *passes);
+bool relighter_can_deal(const struct relighter *r, const struct frame_plan *plan);
 
 /* The cache that these passes use; NULL if none or if it is incomplete. */
-struct transport *relighter_transport(const struct relighter *r, const struct image_passes *passes);
-const struct transport_indirect *relighter_indirect(const struct relighter *r, const struct image_passes *passes,
-                                                    const struct plan *plan);
+struct transport *relighter_transport(const struct relighter *r, const struct frame_plan *plan);
+const struct transport_indirect *relighter_indirect(const struct relighter *r, const struct frame_plan *plan,
+                                                    const struct plan *choice);
 
 /* The cache of direct light; NULL if there is none. */
 const struct transport *relighter_cache(const struct relighter *r);
@@ -67,5 +67,5 @@ struct packet_list light_part_list(const struct packet_list *all, const struct l
 
 /* Runs the passes for a part, into its packets of lo: float[packet_count][3][16]. Errors are those of relighter_run. */
 MUST_CHECK enum err relighter_run_part(struct relighter *r, const struct environment *e,
-                                       const struct image_passes *passes, const struct light_part *part, float *lo,
+                                       const struct frame_plan *plan, const struct light_part *part, float *lo,
                                        struct relight_stats *stats);

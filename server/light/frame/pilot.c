@@ -106,7 +106,7 @@ struct eye_paths_desc pilot_eye(struct pilot *p, double n, uint64_t pass, const 
 {
     const struct direct_desc *asked = &p->light->direct;
     const struct allot_count count = pilot_count(PILOT_EYE, n);
-    struct eye_paths_desc desc = p->rule.eye[0];
+    struct eye_paths_desc desc = p->eye;
 
     desc.paths = p->wanted.eye_paths ? (uint32_t)ceil(n) : allot_counts(&p->allot[PILOT_EYE], &count, only);
     desc.counts = p->wanted.eye_paths ? NULL : p->allot[PILOT_EYE].counts;
@@ -117,36 +117,55 @@ struct eye_paths_desc pilot_eye(struct pilot *p, double n, uint64_t pass, const 
     return desc;
 }
 
-struct image_passes pilot_passes(struct pilot *p, uint64_t pass)
+struct frame_plan pilot_passes(struct pilot *p, uint64_t pass)
 {
     const struct packet_list *all = &p->groups.all.list;
     const double of = p->denoised ? 0.5 : 1.0; /* in either half */
-    struct image_passes out = { .halves = true, .background = p->rule.background };
+    struct frame_plan out = { .background = p->background, .cancel = p->light->direct.cancel };
+    struct pass *direct = frame_plan_add(&out, PASS_DIRECT, PATH_DIRECT);
 
     if (p->offered[PILOT_DIRECT])
-        out.direct = pilot_direct(p, of * p->n[PILOT_DIRECT], pass, all);
+        direct->direct = pilot_direct(p, of * p->n[PILOT_DIRECT], pass, all);
     if (p->offered[PILOT_EYE])
-        out.eye[0] = pilot_eye(p, of * p->n[PILOT_EYE], pass, all);
+        frame_plan_add(&out, PASS_EYE, p->eye.classes | p->eye.behind_classes)->eye =
+            pilot_eye(p, of * p->n[PILOT_EYE], pass, all);
+    frame_plan_add(&out, PASS_RESOLVE, 0);
     for (int k = 0; k < 2; k++)
         if (p->offered[PILOT_AIMED + k]) {
-            out.light[k] = p->rule.light[k];
-            out.light[k].particles = 2 * (uint64_t)(0.5 * p->n[PILOT_AIMED + k] * UNIT_PARTICLES);
-            out.light[k].pass = pass;
-            out.light[k].cancel = p->light->direct.cancel;
+            struct pass *s = frame_plan_add(&out, PASS_PARTICLES, p->light_by[k].classes);
+            s->halves = true;
+            s->light = p->light_by[k];
+            s->light.particles = 2 * (uint64_t)(0.5 * p->n[PILOT_AIMED + k] * UNIT_PARTICLES);
+            s->light.pass = pass;
+            s->light.cancel = p->light->direct.cancel;
         }
+    frame_plan_add(&out, PASS_SPLATS, 0);
     return out;
 }
 
+static enum pilot_part part_of(const struct pass *s)
+{
+    switch (s->kind) {
+    case PASS_DIRECT: return PILOT_DIRECT;
+    case PASS_EYE: return PILOT_EYE;
+    case PASS_PARTICLES: return s->light.classes & PATH_INDIRECT_LIT ? PILOT_WHOLE : PILOT_AIMED;
+    default: return PILOT_PARTS;
+    }
+}
+
 /* Learns the times of a whole image's parts. A black sky takes no time and is not measured. */
-static void learn_times(struct pilot *p, const struct relight_stats *stats, const struct pass_costs *costs)
+static void learn_times(struct pilot *p, const struct frame_plan *plan)
 {
     const uint64_t points = p->set->gbuffer->point_count;
-    const uint64_t rays[PILOT_PARTS] = { stats->direct.rays, stats->eye.rays, costs->light_rays[0],
-                                         costs->light_rays[1] };
-    const double by_clock[PILOT_PARTS] = { costs->direct_s, costs->eye_s, costs->light_s[0], costs->light_s[1] };
     const struct pilot_work pixels = { PILOT_PARTS, points, 0, 0.0 };
+    uint64_t rays[PILOT_PARTS + 1] = { 0 };
+    double by_clock[PILOT_PARTS + 1] = { 0.0 };
 
-    p->image_s = pilot_seconds(p, &pixels, costs->pixels_s + costs->filter_s);
+    for (uint32_t k = 0; k < plan->count; k++) {
+        rays[part_of(&plan->pass[k])] += plan->pass[k].rays;
+        by_clock[part_of(&plan->pass[k])] += plan->pass[k].seconds;
+    }
+    p->image_s = pilot_seconds(p, &pixels, by_clock[PILOT_PARTS]);
     p->other_s += (p->other_s > 0.0 ? SMOOTH : 1.0) * (p->image_s - p->other_s);
     for (int part = 0; part < PILOT_PARTS; part++) {
         const struct pilot_work work = { (enum pilot_part)part, part < PILOT_AIMED ? points : 0, rays[part],
@@ -161,18 +180,16 @@ static void learn_times(struct pilot *p, const struct relight_stats *stats, cons
 /* Renders the image of the choice and learns from it, unless it was cancelled. */
 static enum err make_image(struct pilot *p, uint64_t pass, float *rgb, struct relight_stats *stats)
 {
-    const struct relight_desc filtered = { .denoise = p->denoised };
     const struct gbuffer *g = p->set->gbuffer;
-    struct image_passes passes = pilot_passes(p, pass);
-    struct pass_costs costs;
+    struct frame_plan plan = pilot_passes(p, pass);
 
     *stats = (struct relight_stats){ 0 };
-    enum err e = relighter_denoiser(p->relighter, &filtered, &passes.denoiser);
+    enum err e = p->denoised ? relighter_add_filter(p->relighter, &plan) : ERR_OK;
     if (!e)
-        e = relighter_run_passes(p->relighter, p->environment, &passes, rgb, stats, &costs);
+        e = relighter_run_plan(p->relighter, p->environment, &plan, rgb, stats);
     if (e || is_cancelled(p->light->direct.cancel))
         return e;
-    learn_times(p, stats, &costs);
+    learn_times(p, &plan);
     yardstick_init(&p->yardstick, rgb, p->mask, g->width, g->height);
     p->yardstick.noisy = !p->denoised && (!p->begun || pilot_error(p) > NOISY);
     for (int part = PILOT_AIMED; part < PILOT_PARTS; part++)

@@ -1,7 +1,5 @@
 #include "light/frame/pilot_internal.h"
 
-#include "light/frame/relight_plan.h"
-
 #include <math.h>
 #include <string.h>
 
@@ -39,24 +37,42 @@ static bool same_wish(const struct relight_desc *a, const struct relight_desc *b
            a->direct.seed == b->direct.seed;
 }
 
+/* Those for the whole scene, or those aimed at mirrors and glass. */
+static struct light_tracer_desc particles_of(const struct frame_plan *rule, bool whole)
+{
+    for (uint32_t k = 0; k < rule->count; k++) {
+        const struct pass *s = &rule->pass[k];
+        if (s->kind == PASS_PARTICLES && whole == ((s->light.classes & PATH_INDIRECT_LIT) != 0))
+            return s->light;
+    }
+    return (struct light_tracer_desc){ .particles = 0 };
+}
+
 /* Plans anew; nothing is known of a part whose classes have changed. */
 static void plan(struct pilot *p)
 {
-    const struct image_passes before = p->rule;
-    struct image_passes *rule = &p->rule;
+    const struct eye_paths_desc eye = p->eye;
+    const bool direct = p->offered[PILOT_DIRECT], points = p->groups.all.list.count > 0;
+    struct frame_plan rule;
+    bool changed = p->runs == 0;
 
     relight_plan(p->set, NULL, p->environment, &p->wanted, false, &p->plan);
-    relight_plan_passes(p->set, NULL, p->passes->scratch, &p->wanted, &p->plan, rule);
-    p->offered[PILOT_DIRECT] = rule->direct.samples > 0 && p->groups.all.list.count > 0;
-    p->offered[PILOT_EYE] = rule->eye[0].paths > 0 && p->groups.all.list.count > 0;
-    const bool eye =
-        before.eye[0].classes != rule->eye[0].classes || before.eye[0].behind_classes != rule->eye[0].behind_classes;
-    if (eye)
+    frame_plan_make(p->set, NULL, p->passes->scratch, &p->wanted, &p->plan, &rule);
+    const struct pass *found = frame_plan_find(&rule, PASS_EYE);
+    p->background = rule.background;
+    p->eye = found ? found->eye : (struct eye_paths_desc){ .paths = 0 };
+    p->offered[PILOT_DIRECT] = frame_plan_find(&rule, PASS_DIRECT)->direct.samples > 0 && points;
+    p->offered[PILOT_EYE] = found && points;
+    if (eye.classes != p->eye.classes || eye.behind_classes != p->eye.behind_classes) {
         p->model[PILOT_EYE] = (struct model){ 0 };
-    bool changed = eye || p->runs == 0 || (before.direct.samples > 0) != (rule->direct.samples > 0);
-    for (int k = 0; k < 2; k++) {
-        p->offered[PILOT_AIMED + k] = rule->light[k].particles > 0;
-        if (before.light[k].classes == rule->light[k].classes)
+        changed = true;
+    }
+    changed |= direct != p->offered[PILOT_DIRECT];
+    for (uint32_t k = 0; k < 2; k++) {
+        const uint32_t before = p->light_by[k].classes;
+        p->light_by[k] = particles_of(&rule, k == 1);
+        p->offered[PILOT_AIMED + k] = p->light_by[k].particles > 0;
+        if (before == p->light_by[k].classes)
             continue;
         p->model[PILOT_AIMED + k] = (struct model){ 0 };
         changed = true;

@@ -28,7 +28,9 @@ struct pilot {
     /* By request, scene and sky. */
     struct relight_desc wanted; /* the request that `plan` and `rule` belong to, without its borrowed pointers */
     struct plan plan;           /* by the rules, */
-    struct image_passes rule; /* as passes */
+    struct eye_paths_desc eye;          /* as passes; paths 0: none */
+    struct light_tracer_desc light_by[2]; /* of PILOT_AIMED and PILOT_WHOLE; particles 0: none */
+    bool background;
     bool offered[PILOT_PARTS];  /* requested, and present in the scene */
     double energy[CUBE_FACES];  /* of the sky that the readings belong to */
 
@@ -62,7 +64,7 @@ uint64_t pilot_pass(struct pilot *p); /* a pass number that no image uses */
  * borrows, stay valid until the next call for the same part. */
 struct direct_desc pilot_direct(struct pilot *p, double n, uint64_t pass, const struct packet_list *only);
 struct eye_paths_desc pilot_eye(struct pilot *p, double n, uint64_t pass, const struct packet_list *only);
-struct image_passes pilot_passes(struct pilot *p, uint64_t pass); /* the choice, as passes of the relighter */
+struct frame_plan pilot_passes(struct pilot *p, uint64_t pass); /* the choice, as passes of the relighter */
 struct allot_count pilot_count(enum pilot_part part, double n);
 
 /* ---- pilot_probe.c ---- */

@@ -62,7 +62,7 @@ static enum err run(struct pilot *p, enum pilot_part part, double n, const struc
     if (part == PILOT_DIRECT) {
         struct direct_desc desc = pilot_direct(p, n, pilot_pass(p), &g->list);
         desc.keep = k > 0;
-        e = passes_direct(p->passes, PASS_PROBE, p->environment, &desc, p->pair[k], &direct, &by_clock);
+        e = passes_direct(p->passes, TABLES_PILOT, p->environment, &desc, p->pair[k], &direct, &by_clock);
     } else {
         const struct eye_paths_desc desc = pilot_eye(p, n, pilot_pass(p), &g->list);
         e = passes_eye(p->passes, p->environment, &desc, p->pair[k], &eye, &by_clock);

@@ -262,11 +262,7 @@ static enum err sample(struct direct *direct, const struct prepared_scene *set, 
     d.only = only;
     d.samples = samples;
     const enum err result = direct_shade(direct, set->gbuffer, set->rays, e, &d, lo, &one);
-    one.rays += stats->direct.rays;
-    one.generated += stats->direct.generated;
-    one.chosen += stats->direct.chosen;
-    one.effective += stats->direct.effective;
-    one.lobes += stats->direct.lobes;
+    direct_stats_add(&one, &stats->direct);
     stats->direct = one;
     return result;
 }

@@ -1,5 +1,6 @@
 #include "light/frame/relight_indirect.h"
 
+#include "light/frame/frame_plan.h"
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/progress.h"
@@ -50,15 +51,12 @@ struct indirect_desc relight_indirect_describe(const struct prepared_scene *set,
 
 bool relight_indirect_wanted(const struct prepared_scene *set, const struct relight_desc *desc)
 {
-    const struct plan_wish wish = { .indirect = desc->classes & PATH_INDIRECT,
-                                    .indirect_by = desc->indirect,
-                                    .samples = desc->direct.samples };
     struct plan plan;
 
     if (desc->direct.method != METHOD_CACHED || !(desc->classes & PATH_DIRECT) ||
         !(desc->classes & PATH_INDIRECT_LIT) || desc->indirect != PLAN_AUTO)
         return false;
-    plan_make(&set->facts, &wish, &plan);
+    plan_make(&set->facts, desc, false, &plan);
     return plan.indirect == PLAN_EYE;
 }
 

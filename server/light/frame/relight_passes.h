@@ -1,46 +1,19 @@
-/* The passes of an image: direct light and eye paths at the shade points, the resolve from points to pixels, and
- * particles from the light. A struct image_passes describes them: relighter_run fills it by rules, the pilot by
- * measurements, and one function runs it (relight.c). A struct passes holds their working memory. One thread of
- * control. */
+/* What the passes of an image (frame_plan.h) work with, and the functions that describe and run them: relighter_run by
+ * rules, the pilot by measurements. One thread of control. */
 #pragma once
 
-#include "light/frame/relight.h"
+#include "light/frame/frame_plan.h"
 
 struct backplate;
-struct beside;
 struct denoiser;
-struct accumulation;
 struct resolver;
 
-enum { PASS_IMAGE, PASS_PROBE, PASS_TABLES }; /* sets of sky tables: one for images, one for measurements */
-
-struct image_passes {
-    const struct relight_desc *cached; /* direct light from its cache instead of `direct`; NULL: from `direct` */
-    const struct relight_desc *stored; /* adds caustics from the store of light paths; NULL: does not */
-    uint32_t stored_behind;            /* classes that stored eye paths light behind mirrors and glass; 0: none */
-    struct direct_desc direct;         /* samples 0: no direct light */
-    struct eye_paths_desc eye[2];      /* paths 0: omitted */
-    struct light_tracer_desc light[2]; /* particles 0: omitted */
-    struct denoiser *denoiser; /* not NULL: `direct` and `eye` run twice with their counts, for filtering (denoise.h) */
-    bool glides;               /* the histories only move on: nothing is sampled */
-    struct accumulation
-        *accumulation;     /* not NULL: takes the halves, or gives way to the cache's light (accumulation.h) */
-    struct beside *beside; /* not NULL: runs `stored`, `light` and eye_beside (beside.h) */
-    struct eye_paths_desc eye_beside; /* paths 0: omitted */
-    bool halves; /* run each of light[] in two halves with different seeds, kept in passes.half, and add their mean to
-                    the image. Requires relighter_passes */
-    bool background; /* add the sky where the camera sees it */
-};
-
-struct pass_costs { /* wall-clock seconds; of particles, without adding their halves to the image */
-    double direct_s, eye_s, filter_s, pixels_s, light_s[2];
-    uint64_t light_rays[2];
-};
+enum { TABLES_IMAGE, TABLES_PILOT, TABLES_COUNT }; /* sets of sky tables: one for images, one for measurements */
 
 struct passes {
     const struct prepared_scene *set;
     const struct kernels *kernels;
-    struct direct *direct[PASS_TABLES]; /* the second NULL until passes_measure */
+    struct direct *direct[TABLES_COUNT]; /* the second NULL until passes_measure */
     struct light_tracer *light;
     struct resolver *resolver;
     struct backplate *backplate; /* NULL: the scene has no ground */
@@ -71,22 +44,15 @@ MUST_CHECK enum err passes_eye(struct passes *s, const struct environment *e, co
 MUST_CHECK enum err passes_halves(struct passes *s, const struct environment *e, const struct light_tracer_desc *desc,
                                   float *const half[2], struct light_tracer_stats *stats, double *seconds);
 
-/* Runs all passes of an image, for relighter_run and the pilot. Adds to *stats and sets its times; writes *costs.
- * Errors are those of relighter_run. */
-MUST_CHECK enum err relighter_run_passes(struct relighter *r, const struct environment *e,
-                                         const struct image_passes *passes, float *rgb, struct relight_stats *stats,
-                                         struct pass_costs *costs);
+/* Runs the passes of an image, for relighter_run and the pilot, and writes their seconds and rays; a filtered plan
+ * becomes that of its halves. Adds to *stats, its times included. Errors are those of relighter_run. */
+MUST_CHECK enum err relighter_run_plan(struct relighter *r, const struct environment *e, struct frame_plan *plan,
+                                       float *rgb, struct relight_stats *stats);
 
-/* The passes for half k of a denoised image, 0 and then 1 by the same tables. The counts in *p are per half. */
-void passes_half(const struct image_passes *p, int k, struct image_passes *out);
-
-/* Steps of struct progress_part in the passes: light samples of packets, and work of about the same duration. */
-uint64_t passes_work(const struct prepared_scene *set, const struct image_passes *p);
-
-/* The part of relighter_run before the passes: prepares the method, plans, and describes the passes. Writes *stats. Not
- * for references. Errors are those of relighter_run. */
+/* The part of relighter_run before the passes: prepares the method and plans. Writes *stats. Not for
+ * references. Errors are those of relighter_run. */
 MUST_CHECK enum err relighter_describe(struct relighter *r, const struct environment *e,
-                                       const struct relight_desc *desc, struct image_passes *passes,
+                                       const struct relight_desc *desc, struct frame_plan *plan,
                                        struct relight_stats *stats);
 
 /* Audits rgb, the last image, of desc under e with *stats, as far as desc->audit pays for: writes stats->error,
@@ -99,8 +65,8 @@ void relighter_state_error(struct relighter *r, const struct environment *e, con
 /* While held, the ground shows the share of the last image's sky light, whichever sky lights it (backplate.h). */
 void relighter_hold_ground(struct relighter *r, bool hold);
 
-/* The denoiser for images of desc, created on first use; NULL if desc does not need one. ERR_NOMEM. */
-MUST_CHECK enum err relighter_denoiser(struct relighter *r, const struct relight_desc *desc, struct denoiser **out);
+/* Lets the plan's image be denoised, by a denoiser that is created on first use. ERR_NOMEM. */
+MUST_CHECK enum err relighter_add_filter(struct relighter *r, struct frame_plan *plan);
 
 /* The packets that the cache of indirect light leaves to eye paths; NULL without such a cache. */
 const struct packet_list *relighter_left(const struct relighter *r);

@@ -20,11 +20,13 @@ struct relighter {
     struct beside *beside;
     struct stated *stated;         /* NULL until an image states its error */
     uint64_t sky;                  /* the last live image's: a digest */
-    const float *points;           /* the image's shade points */
     const struct light_team *team; /* NULL: this process lights the points alone */
     bool half;                     /* round them to half floats */
     uint32_t *packets;             /* [packet_count]: packet numbers, for lists of a part; NULL until a part is run */
 };
+
+/* Ends the accumulation of its images, if there is one. */
+void relighter_forget(struct relighter *r);
 
 /* Fills r->packets. False: out of memory. */
 bool relighter_number_packets(struct relighter *r);

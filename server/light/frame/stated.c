@@ -9,7 +9,7 @@
 #include "light/denoise/denoise.h"
 #include "light/denoise/accumulation.h"
 #include "light/frame/facts.h"
-#include "light/frame/relight_plan.h"
+#include "light/frame/frame_plan.h"
 #include "light/frame/relighter.h"
 #include "light/resolve/backplate.h"
 #include "light/resolve/resolve.h"

@@ -1,6 +1,6 @@
-/* Assigns the classes of light paths (light/estimators/paths.h) to estimators and counts of samples: each class to
- * exactly one estimator, or to none with a reason. Direct light is always included and not part of the plan. Pure
- * functions. Thread: any. */
+/* Which estimators bring the classes of light paths (light/estimators/paths.h), and with how many samples: each class
+ * has exactly one, or none with a reason. Direct light is always included and not part of the plan.
+ * light/frame/frame_plan.h chooses. Plain data. Thread: any. */
 #pragma once
 
 #include "base/choice.h"
@@ -15,8 +15,7 @@ enum plan_estimator {
     PLAN_EYE,    /* eye paths */
     PLAN_STORED, /* caustics and their indirect light: stored light paths, and the light tracer for the sun. Not
                     allowed in a request for indirect light */
-    PLAN_CACHE,  /* indirect light: the cache. Neither in a request nor from plan_make: a relighter with this cache
-                    replaces PLAN_EYE */
+    PLAN_CACHE,  /* indirect light: the cache. Not in a request: a relighter with this cache replaces PLAN_EYE */
 };
 
 /* A sky's peakedness from which BRDF rays find caustics too rarely. In equal time eye paths have 0.4 to 0.6 of the
@@ -35,15 +34,6 @@ struct plan_facts {
     double peakedness; /* mean square of the sky's luminance over the square of its mean, >= 1; 0: unknown, black */
 };
 
-struct plan_wish {
-    bool caustics, indirect; /* the requested classes */
-    enum plan_estimator caustics_by, indirect_by;
-    uint64_t particles; /* 0: choose */
-    uint32_t eye_paths; /* per shade point; 0: choose */
-    uint32_t samples;   /* N_s of direct light, from which the other counts follow */
-    bool stored;        /* use stored light paths for caustics, unless caustics_by names another estimator */
-};
-
 #define PLAN_LEFT_OUT_MAX 10
 
 struct plan {
@@ -55,9 +45,6 @@ struct plan {
     const char *left_out[PLAN_LEFT_OUT_MAX]; /* one sentence per omitted class, without a full stop */
     uint32_t left_out_count;
 };
-
-/* Fills *out. */
-void plan_make(const struct plan_facts *facts, const struct plan_wish *wish, struct plan *out);
 
 /* "none", "light tracer", "eye paths", "stored light paths", "cache". */
 const char *plan_estimator_name(enum plan_estimator e);

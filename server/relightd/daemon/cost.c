@@ -1,10 +1,12 @@
 #include "relightd/daemon/cost.h"
 
+#include "light/frame/frame_plan.h"
+
 #include <math.h>
 
 #define SMOOTH 0.2        /* share of a new reading */
 #define LOBE 3.5          /* a BRDF sample costs as much as so many light samples, which neighbours trace together */
-#define EACH 8.0          /* an eye path or a particle as much as so many samples (light/plan/plan.c) */
+#define EACH 8.0          /* an eye path or a particle as much as so many samples (plan_make) */
 #define SAMPLES_LEAST 4   /* below, what is done once per point outweighs the samples */
 #define STORED_A_PIXEL 64 /* as relight_desc.stored_paths 0 */
 
@@ -52,16 +54,7 @@ static double estimate(const struct cost *c, const struct plan_facts *facts, con
     struct plan plan;
 
     f.peakedness = peakedness;
-    plan_make(&f,
-              &(struct plan_wish){ .caustics = light->classes & PATH_CAUSTICS,
-                                   .indirect = light->classes & PATH_INDIRECT,
-                                   .caustics_by = light->caustics,
-                                   .indirect_by = light->indirect,
-                                   .particles = light->particles,
-                                   .eye_paths = light->eye_paths,
-                                   .samples = light->direct.samples,
-                                   .stored = light->direct.method == METHOD_CACHED },
-              &plan);
+    plan_make(&f, light, light->direct.method == METHOD_CACHED, &plan);
     double particles = (double)plan.particles;
     if (plan.caustics == PLAN_STORED) /* traced once, before the first image */
         particles += light->stored_paths ? (double)light->stored_paths : STORED_A_PIXEL * (double)f.pixels;

@@ -218,20 +218,22 @@ static void paths_behind_glass_have_a_limit(void **state)
 {
     struct stage s = ring(sun_at(20));
     struct relight_desc light = caustics;
-    struct image_passes passes;
+    struct frame_plan plan;
     struct relight_stats stats;
     (void)state;
 
     light.classes = PATH_ALL;
-    assert_int_equal(relighter_describe(s.relighter, s.sky, &light, &passes, &stats), ERR_OK);
-    assert_float_equal(passes.eye_beside.most, 3.0 * 4.0 * s.sky->total_energy / PI, 1e-6 * s.sky->total_energy);
-    assert_int_equal(passes.eye_beside.behind_classes, PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
-    assert_int_equal(passes.eye_beside.classes, 0);
-    assert_int_equal(passes.eye[0].behind_classes, PATH_INDIRECT_LIT);
+    assert_int_equal(relighter_describe(s.relighter, s.sky, &light, &plan, &stats), ERR_OK);
+    const struct eye_paths_desc *beside = &frame_plan_find(&plan, PASS_BESIDE)->eye;
+    assert_float_equal(beside->most, 3.0 * 4.0 * s.sky->total_energy / PI, 1e-6 * s.sky->total_energy);
+    assert_int_equal(beside->behind_classes, PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
+    assert_int_equal(beside->classes, 0);
+    assert_int_equal(frame_plan_find(&plan, PASS_EYE)->eye.behind_classes, PATH_INDIRECT_LIT);
     light.remember = false;
-    assert_int_equal(relighter_describe(s.relighter, s.sky, &light, &passes, &stats), ERR_OK);
-    assert_true(!passes.beside && passes.eye_beside.paths == 0 && passes.eye[0].most == 0.0);
-    assert_int_equal(passes.eye[0].behind_classes, PATH_CAUSTICS | PATH_INDIRECT);
+    assert_int_equal(relighter_describe(s.relighter, s.sky, &light, &plan, &stats), ERR_OK);
+    assert_false(frame_plan_has(&plan, PASS_BESIDE));
+    assert_true(frame_plan_find(&plan, PASS_EYE)->eye.most == 0.0);
+    assert_int_equal(frame_plan_find(&plan, PASS_EYE)->eye.behind_classes, PATH_CAUSTICS | PATH_INDIRECT);
     stage_finish(&s);
 }
 

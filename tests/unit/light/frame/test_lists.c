@@ -2,6 +2,7 @@
 #include "light/estimators/eye_paths.h"
 #include "light/estimators/points.h"
 #include "light/frame/relight.h"
+#include "base/rng.h"
 #include "light/frame/relight_passes.h"
 #include "support/sets.h"
 
@@ -241,26 +242,82 @@ static void eye_paths_follow_counts_too(void **state)
  * own for eye paths. */
 static void halves_are_passes_of_their_own(void **state)
 {
-    struct image_passes whole = { .direct = { .seed = 7 } }, half[2];
+    struct frame_plan whole = { .count = 0 }, half[2];
     (void)state;
 
+    frame_plan_add(&whole, PASS_DIRECT, PATH_DIRECT)->direct = (struct direct_desc){ .seed = 7 };
+    frame_plan_add(&whole, PASS_EYE, PATH_INDIRECT)->eye = (struct eye_paths_desc){ .seed = 7 };
+    frame_plan_add(&whole, PASS_EYE, PATH_INDIRECT)->eye = (struct eye_paths_desc){ .seed = 8 };
     for (uint64_t pass = 0; pass < 4; pass++) {
-        whole.direct.pass = whole.eye[0].pass = whole.eye[1].pass = pass;
-        whole.eye[0].seed = 7;
-        whole.eye[1].seed = 8;
+        whole.pass[0].direct.pass = whole.pass[1].eye.pass = whole.pass[2].eye.pass = pass;
         for (int k = 0; k < 2; k++) {
-            passes_half(&whole, k, &half[k]);
-            assert_true(half[k].direct.scatter);
-            assert_int_equal(half[k].direct.pass, 2 * pass + (uint64_t)k);
-            for (int i = 0; i < 2; i++)
-                assert_int_equal(half[k].eye[i].pass, 2 * pass + (uint64_t)k);
+            frame_plan_half(&whole, k, &half[k]);
+            assert_true(half[k].pass[0].direct.scatter);
+            assert_int_equal(half[k].pass[0].direct.pass, 2 * pass + (uint64_t)k);
+            for (int i = 1; i <= 2; i++)
+                assert_int_equal(half[k].pass[i].eye.pass, 2 * pass + (uint64_t)k);
         }
-        assert_true(half[0].eye[0].seed != half[1].eye[0].seed && half[0].eye[0].seed != half[0].eye[1].seed);
+        const uint64_t one = half[0].pass[1].eye.seed;
+        assert_true(one != half[1].pass[1].eye.seed && one != half[0].pass[2].eye.seed);
     }
+}
+
+/* A filtered plan samples both halves of what it lists, each kind after the other; the rest stays. */
+static void a_filtered_plan_samples_two_halves(void **state)
+{
+    static const struct {
+        enum pass_kind kind;
+        int half;
+        uint64_t seed;
+    } want[] = { { PASS_DIRECT, 0, 0 }, { PASS_DIRECT, 1, 0 }, { PASS_EYE, 0, 7 },    { PASS_EYE, 0, 8 },
+                 { PASS_EYE, 1, 7 },    { PASS_EYE, 1, 8 },    { PASS_FILTER, -1, 0 }, { PASS_RESOLVE, -1, 0 } };
+    struct frame_plan p = { .count = 0 };
+    (void)state;
+
+    frame_plan_add(&p, PASS_RESOLVE, 0);
+    frame_plan_add(&p, PASS_EYE, PATH_INDIRECT)->eye = (struct eye_paths_desc){ .seed = 7 };
+    frame_plan_add(&p, PASS_FILTER, 0);
+    frame_plan_add(&p, PASS_DIRECT, PATH_DIRECT);
+    frame_plan_add(&p, PASS_EYE, PATH_INDIRECT)->eye = (struct eye_paths_desc){ .seed = 8 };
+    assert_true(frame_plan_is_filtered(&p));
+    frame_plan_split(&p);
+    assert_int_equal(p.count, sizeof(want) / sizeof(want[0]));
+    for (uint32_t k = 0; k < p.count; k++) {
+        assert_int_equal(p.pass[k].kind, want[k].kind);
+        assert_int_equal(p.pass[k].half, want[k].half);
+        if (want[k].kind == PASS_EYE)
+            assert_true(p.pass[k].eye.seed == rng_mix(want[k].seed, (uint64_t)want[k].half));
+    }
+}
+
+/* What brings none of the classes goes; eye paths and particles keep theirs; without direct light the others add to
+ * darkness. */
+static void classes_are_kept_in_a_plan(void **state)
+{
+    struct frame_plan p = { .count = 0, .background = true };
+    (void)state;
+
+    frame_plan_add(&p, PASS_DIRECT, PATH_DIRECT)->direct = (struct direct_desc){ .samples = 4 };
+    frame_plan_add(&p, PASS_EYE, PATH_INDIRECT | PATH_CAUSTICS)->eye =
+        (struct eye_paths_desc){ .classes = PATH_INDIRECT, .behind_classes = PATH_CAUSTICS };
+    frame_plan_add(&p, PASS_STORED, PATH_CAUSTICS);
+    frame_plan_add(&p, PASS_PARTICLES, PATH_CAUSTICS)->light = (struct light_tracer_desc){ .classes = PATH_CAUSTICS };
+    frame_plan_keep(&p, PATH_CAUSTICS);
+    assert_int_equal(p.count, 4);
+    assert_int_equal(p.pass[0].direct.samples, 0);
+    assert_int_equal(p.pass[1].eye.classes, 0);
+    assert_int_equal(p.pass[1].eye.behind_classes, PATH_CAUSTICS);
+    assert_int_equal(p.pass[3].light.shown, PATH_CAUSTICS);
+    assert_false(p.background);
+    frame_plan_keep(&p, PATH_INDIRECT);
+    assert_int_equal(p.count, 1);
+    assert_int_equal(p.pass[0].kind, PASS_DIRECT);
 }
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(halves_are_passes_of_their_own),
+    cmocka_unit_test(a_filtered_plan_samples_two_halves),
+    cmocka_unit_test(classes_are_kept_in_a_plan),
     cmocka_unit_test(listed_packets_have_the_bits_of_the_whole),
     cmocka_unit_test(kept_tables_give_the_bits_of_new_ones),
     cmocka_unit_test(listed_packets_alone_get_eye_paths),

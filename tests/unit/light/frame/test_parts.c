@@ -139,14 +139,16 @@ static void each_light_tracer_has_its_count(void **state)
         p->offered[PILOT_AIMED + k] = true;
         p->n[PILOT_AIMED + k] = k ? 5.0 : 3.0;
     }
-    struct image_passes passes = pilot_passes(p, 9);
-    assert_int_equal(passes.light[0].particles, 3 * 2048);
-    assert_int_equal(passes.light[1].particles, 5 * 2048);
-    assert_int_equal(passes.light[1].pass, 9);
+    struct frame_plan plan = pilot_passes(p, 9);
+    struct pass *first = frame_plan_find(&plan, PASS_PARTICLES);
+    assert_int_equal(first[0].light.particles, 3 * 2048);
+    assert_int_equal(first[1].light.particles, 5 * 2048);
+    assert_int_equal(first[1].light.pass, 9);
     p->offered[PILOT_AIMED] = false;
-    passes = pilot_passes(p, 9);
-    assert_int_equal(passes.light[0].particles, 0);
-    assert_int_equal(passes.light[1].particles, 5 * 2048);
+    plan = pilot_passes(p, 9);
+    first = frame_plan_find(&plan, PASS_PARTICLES);
+    assert_int_equal(first->light.particles, 5 * 2048);
+    assert_int_not_equal(first[1].kind, PASS_PARTICLES);
     mem_free(p);
 }
 

@@ -30,5 +30,6 @@ target_compile_definitions(test_frame_test_set_view PRIVATE RING="${CMAKE_SOURCE
 nomem_test(frame test_nomem OpenMP::OpenMP_C)
 target_compile_definitions(test_frame_test_nomem PRIVATE RING="${CMAKE_SOURCE_DIR}/docs/examples/ring.json")
 unit_test(frame test_lists)
+unit_test(frame test_plan)
 unit_test(frame test_changes)
 unit_test(frame test_first_minute source)

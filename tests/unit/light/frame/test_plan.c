@@ -1,4 +1,4 @@
-#include "light/plan/plan.h"
+#include "light/frame/frame_plan.h"
 
 #include "support/unit.h"
 
@@ -6,13 +6,19 @@
 static const struct plan_facts court = {
     .casters = 2, .points = 5000, .behind = 40, .pixels = 4000, .albedo = 0.5, .peakedness = 1e4
 };
-static const struct plan_wish everything = { .caustics = true, .indirect = true, .samples = 64 };
+static const struct relight_desc everything = { .classes = PATH_CAUSTICS | PATH_INDIRECT,
+                                               .direct = { .samples = 64 } };
 
-static struct plan planned(const struct plan_facts *f, const struct plan_wish *w)
+static struct plan planned_stored(const struct plan_facts *f, const struct relight_desc *w, bool stored)
 {
     struct plan p;
-    plan_make(f, w, &p);
+    plan_make(f, w, stored, &p);
     return p;
+}
+
+static struct plan planned(const struct plan_facts *f, const struct relight_desc *w)
+{
+    return planned_stored(f, w, false);
 }
 
 static void assert_left_out(const struct plan *p, uint32_t count, const char *first)
@@ -25,13 +31,13 @@ static void assert_left_out(const struct plan *p, uint32_t count, const char *fi
 static void a_scene_without_casters_has_no_caustics(void **state)
 {
     struct plan_facts f = court;
-    struct plan_wish w = everything;
+    struct relight_desc w = everything;
     (void)state;
 
     f.casters = 0;
     f.behind = 0;
     for (int by = PLAN_AUTO; by <= PLAN_STORED; by++) { /* whoever is wished for */
-        w.caustics_by = (enum plan_estimator)by;
+        w.caustics = (enum plan_estimator)by;
         const struct plan p = planned(&f, &w);
         assert_int_equal(p.caustics, PLAN_NONE);
         assert_int_equal(p.indirect, PLAN_EYE);
@@ -68,7 +74,7 @@ static void the_sky_decides_who_finds_caustics(void **state)
 static void dark_surfaces_need_no_indirect_light(void **state)
 {
     struct plan_facts f = court;
-    struct plan_wish w = everything;
+    struct relight_desc w = everything;
     (void)state;
 
     f.albedo = 0.02;
@@ -79,19 +85,18 @@ static void dark_surfaces_need_no_indirect_light(void **state)
     assert_true(p.behind_caustics);
     assert_left_out(&p, 1, "indirect light: the surfaces are too dark for it to be seen");
 
-    w.indirect_by = PLAN_LIGHT; /* who asks for it by name gets it */
+    w.indirect = PLAN_LIGHT; /* who asks for it by name gets it */
     assert_int_equal(planned(&f, &w).indirect, PLAN_LIGHT);
 }
 
 /* The light tracer cannot reach points that are seen in a mirror; eye paths serve them whoever takes the rest. */
 static void what_is_behind_mirrors_is_left_to_eye_paths(void **state)
 {
-    const struct plan_wish w = {
-        .caustics = true, .indirect = true, .caustics_by = PLAN_LIGHT, .indirect_by = PLAN_LIGHT, .samples = 64
-    };
+    struct relight_desc w = everything;
     struct plan_facts f = court;
     (void)state;
 
+    w.caustics = w.indirect = PLAN_LIGHT;
     struct plan p = planned(&f, &w);
     assert_true(p.behind_caustics && p.behind_indirect);
     assert_int_equal(p.eye_paths, 8);
@@ -104,8 +109,8 @@ static void what_is_behind_mirrors_is_left_to_eye_paths(void **state)
 
 static void what_was_not_asked_for_is_not_done(void **state)
 {
-    const struct plan_wish direct_alone = { .samples = 64 };
-    struct plan_wish w = everything;
+    const struct relight_desc direct_alone = { .classes = PATH_DIRECT, .direct = { .samples = 64 } };
+    struct relight_desc w = everything;
     (void)state;
 
     struct plan p = planned(&court, &direct_alone);
@@ -114,26 +119,26 @@ static void what_was_not_asked_for_is_not_done(void **state)
     assert_left_out(&p, 2, "caustics: not requested");
     assert_string_equal(p.left_out[1], "indirect light: not requested");
 
-    w.indirect_by = PLAN_NONE;
+    w.indirect = PLAN_NONE;
     p = planned(&court, &w);
     assert_int_equal(p.indirect_caustics, PLAN_NONE);
     assert_left_out(&p, 1, "indirect light: switched off");
 
     w = everything; /* indirect light alone, of caustics too, by whom it is done */
-    w.caustics = false;
+    w.classes = PATH_INDIRECT;
     assert_int_equal(planned(&court, &w).indirect_caustics, PLAN_EYE);
 }
 
 static void counts_follow_the_samples_unless_they_are_given(void **state)
 {
-    struct plan_wish w = everything;
+    struct relight_desc w = everything;
     (void)state;
 
-    w.samples = 1;
+    w.direct.samples = 1;
     struct plan p = planned(&court, &w);
     assert_int_equal(p.particles, 4000);
     assert_int_equal(p.eye_paths, 1);
-    w.samples = 256;
+    w.direct.samples = 256;
     p = planned(&court, &w);
     assert_int_equal(p.particles, 32 * 4000);
     assert_int_equal(p.eye_paths, 32);
@@ -148,24 +153,22 @@ static void counts_follow_the_samples_unless_they_are_given(void **state)
 static void what_is_stored_takes_caustics_unless_another_is_asked(void **state)
 {
     struct plan_facts f = court;
-    struct plan_wish w = everything;
+    struct relight_desc w = everything;
     (void)state;
 
-    w.stored = true;
     for (int k = 0; k < 2; k++) {
         f.peakedness = k ? 1.3 : 0.0;
-        const struct plan p = planned(&f, &w);
+        const struct plan p = planned_stored(&f, &w, true);
         assert_int_equal(p.caustics, PLAN_STORED);
         assert_int_equal(p.indirect, PLAN_EYE);
         assert_int_equal(p.indirect_caustics, PLAN_STORED);
         assert_int_equal(p.particles, 8 * 4000); /* for the sun */
     }
-    w.caustics_by = PLAN_LIGHT;
-    assert_int_equal(planned(&f, &w).caustics, PLAN_LIGHT);
-    w.caustics_by = PLAN_STORED;
-    w.stored = false; /* whoever asks for it by name gets it */
+    w.caustics = PLAN_LIGHT;
+    assert_int_equal(planned_stored(&f, &w, true).caustics, PLAN_LIGHT);
+    w.caustics = PLAN_STORED; /* whoever asks for it by name gets it */
     assert_int_equal(planned(&f, &w).caustics, PLAN_STORED);
-    w.indirect = false;
+    w.classes = PATH_CAUSTICS;
     assert_int_equal(planned(&f, &w).indirect_caustics, PLAN_NONE);
     f.casters = 0;
     assert_int_equal(planned(&f, &w).caustics, PLAN_NONE);

@@ -1,0 +1,103 @@
+/* What an image is made of: its light as a list of passes, chosen from scene, sky and request. Pure functions; the
+ * passes run in relight.c, in this order. Thread: any. */
+#pragma once
+
+#include "light/frame/relight.h"
+
+enum pass_kind {
+    /* Light at the shade points, float[packet_count][3][16] */
+    PASS_GLIDE,  /* an accumulation under a still sky moves on; nothing is sampled */
+    PASS_DIRECT, /* direct light by `direct`; without samples none: the others add to it */
+    PASS_CACHED, /* direct light by the cache, and indirect light if the plan leaves it to the cache */
+    PASS_EYE,    /* adds `eye` */
+    PASS_FILTER, /* denoises two halves */
+    PASS_ACCUMULATE, /* the same, with the light of earlier images (accumulation.h) */
+    PASS_LEAVE,      /* light of earlier images gives way to the cache's */
+    PASS_BEHIND,     /* adds stored eye paths behind mirrors and glass */
+    PASS_BESIDE,     /* adds live caustics (beside.h), among them `eye` */
+    /* Pixels, float[height][width][3] */
+    PASS_RESOLVE,   /* from the points, with the sky where the camera sees it if `background` */
+    PASS_REST,      /* adds those of PASS_BESIDE that no point shows */
+    PASS_STORED,    /* adds stored light paths */
+    PASS_PARTICLES, /* adds `light` */
+    PASS_SPLATS,    /* what the two before have gathered: spread if the image is denoised, and seen on a ground */
+    PASS_KINDS,
+};
+
+struct pass {
+    enum pass_kind kind;
+    int half;         /* of the denoiser, whose points it writes: 0 or 1; -1: the image's points */
+    uint32_t classes; /* PATH_* that it brings; 0: those of others */
+    union {
+        struct direct_desc direct;
+        struct eye_paths_desc eye;
+        struct {
+            struct light_tracer_desc light;
+            bool halves; /* run it in two, with different seeds, kept in passes.half; their mean is added. Requires
+                            relighter_passes */
+        };
+        const struct relight_desc *request; /* of PASS_CACHED and PASS_STORED; borrowed */
+    };
+    /* Once it has run: */
+    double seconds; /* by the clock */
+    uint64_t rays;  /* of PASS_DIRECT, PASS_EYE and PASS_PARTICLES */
+};
+
+#define PASSES_MAX 16
+
+struct frame_plan {
+    struct pass pass[PASSES_MAX];
+    uint32_t count;
+    bool background;           /* the sky where the camera sees it */
+    const atomic_bool *cancel; /* may be NULL */
+};
+
+/* Whether METHOD_CACHED computes direct light. */
+bool relight_is_cached(const struct relight_desc *desc);
+
+/* Assigns each requested class to an estimator. stored: caustics by stored light paths, unless the request names
+ * another estimator. */
+void plan_make(const struct plan_facts *facts, const struct relight_desc *desc, bool stored, struct plan *out);
+
+/* The same for an image of this set. indirect: the cache of indirect light, or NULL. e may be NULL: the estimator of
+ * caustics is then undecided unless they are stored. grown: relight_caustics_serve, before which live images under a
+ * soft sky take eye paths. */
+void relight_plan(const struct prepared_scene *set, const struct indirect_cache *indirect, const struct environment *e,
+                  const struct relight_desc *desc, bool grown, struct plan *out);
+
+/* The classes that the plan assigns to `who`. */
+uint32_t relight_plan_classes(const struct plan *p, enum plan_estimator who);
+
+/* The classes that images with the cache will take from stored light paths, even if this one cannot yet; 0: none. */
+uint32_t relight_plan_later(const struct relight_desc *desc, const struct plan *p);
+
+/* The classes that stored eye paths light at points behind mirrors and glass; 0: none. */
+uint32_t relight_plan_behind(const struct prepared_scene *set, const struct relight_desc *desc, const struct plan *p);
+
+/* Lists the passes of a plan, without a filter. *out borrows desc, indirect and scratch. */
+void frame_plan_make(const struct prepared_scene *set, const struct indirect_cache *indirect, struct scratch *scratch,
+                     const struct relight_desc *desc, const struct plan *p, struct frame_plan *out);
+
+/* ---- Lists ---- */
+
+/* Inserts a zeroed pass of this kind behind those of lower or equal kind. The pointer is valid until the next
+ * insertion or removal. */
+struct pass *frame_plan_add(struct frame_plan *p, enum pass_kind kind, uint32_t classes);
+/* The first of this kind; NULL: none. */
+struct pass *frame_plan_find(struct frame_plan *p, enum pass_kind kind);
+bool frame_plan_has(const struct frame_plan *p, enum pass_kind kind);
+void frame_plan_remove(struct frame_plan *p, struct pass *s); /* one of its passes */
+/* Removes all of this kind. */
+void frame_plan_drop(struct frame_plan *p, enum pass_kind kind);
+/* Removes what brings none of these classes, and lets the rest bring no others. Direct light becomes none. */
+void frame_plan_keep(struct frame_plan *p, uint32_t classes);
+
+/* Whether two halves are denoised: what they sample has the counts of one half. */
+bool frame_plan_is_filtered(const struct frame_plan *p);
+/* The passes of half k, 0 and then 1 by the same tables, without the filter. */
+void frame_plan_half(const struct frame_plan *p, int k, struct frame_plan *out);
+/* Turns what a filtered plan samples into the passes of both halves. */
+void frame_plan_split(struct frame_plan *p);
+
+/* Steps of struct progress_part in the passes: light samples of packets, and work of about the same duration. */
+uint64_t frame_plan_work(const struct prepared_scene *set, const struct frame_plan *p);
