@@ -43,7 +43,6 @@ static struct digest key_of(const struct annual *a)
                                l->direct.cells,
                                l->direct.sun,
                                l->direct.compensate,
-                               l->direct.interleave,
                                l->classes,
                                l->caustics,
                                l->indirect,

@@ -169,7 +169,7 @@ static struct prepared_scene *card(bool spoilt)
     log_begin();
     const enum err e = set_create(
         &(struct prepared_scene_desc){
-            .scene = path, .width = WIDTH, .height = HEIGHT, .edge_rays = 1, .interleave = 2 },
+            .scene = path, .width = WIDTH, .height = HEIGHT, .edge_rays = 1 },
         &set, &why);
     (void)log_end();
     folder_remove(&f);
@@ -322,7 +322,7 @@ static void light_counts_only_above_both_normals(void **state)
     double want[2] = { 0.0, 0.0 };
     (void)state;
     struct environment *e = sky_environment(sky_overcast(64, 32), 32, 0.0);
-    struct gbuffer g = points_with_sets(1, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
+    struct gbuffer g = points_make(1, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
     for (int l = 0; l < PACKET; l++) {
         struct shade_packet *p = g.packets;
         const double lean = l * 11.0 * PI / 180.0;
@@ -369,7 +369,7 @@ static void a_light_of_hardly_any_area_lights_as_quadrature(void **state)
     struct frame f = sky_constant(2, IMAGE_MAX_SIDE, 0.0f);
     sky_paint(&f, 0, 0, 1e12f, 1e12f, 1e12f);
     struct environment *e = sky_environment(f, 64, 0.0);
-    struct gbuffer g = points_with_sets(2, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
+    struct gbuffer g = points_make(2, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
     const double cube = irradiance(e, up, false) / PI;
     const double edge = sin(PI / IMAGE_MAX_SIDE), source = 1e12 * 0.5 * edge * edge * PI / PI;
     struct direct *d = direct_create(best_kernels());

@@ -11,7 +11,7 @@ enum { WIDTH = 16, HEIGHT = 12, VALUES = WIDTH * HEIGHT * 3 };
 /* The built-in scene, small. */
 static struct prepared_scene *court(void)
 {
-    const struct prepared_scene_desc desc = { .width = WIDTH, .height = HEIGHT, .edge_rays = 1, .interleave = 2 };
+    const struct prepared_scene_desc desc = { .width = WIDTH, .height = HEIGHT, .edge_rays = 1 };
     struct prepared_scene *set = NULL;
     struct reason why;
 
@@ -287,7 +287,7 @@ static void a_map_as_wide_as_may_be_lights_as_quadrature(void **state)
     const float sun = full() ? 1e8f : 3e4f;
     sky_paint(&f, 12345, height / 3, sun, sun, sun);
     struct environment *e = sky_environment(f, 64, 0.0);
-    struct gbuffer g = points_with_sets(1, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
+    struct gbuffer g = points_make(1, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
     /* In closed form, texel by texel: a quadrature of 10^8 of them would dominate the run time. */
     const double a = PI * (height / 3) / height, b = PI * (height / 3 + 1) / height;
     const double of_sun = (sun - 0.5) * 2.0 * PI / f.width * 0.5 * (sin(b) * sin(b) - sin(a) * sin(a));

@@ -31,7 +31,7 @@ static void a_sun_at_every_awkward_place_lights_as_quadrature(void **state)
     const double up[3] = { 0, 1, 0 };
     const uint32_t seeds = full() ? 512 : 64;
     (void)state;
-    struct gbuffer g = points_with_sets(4, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
+    struct gbuffer g = points_make(4, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
     for (int p = 0; p < SEEN; p++) {
         struct frame f = sky_overcast(256, 128);
         double w[3] = { seen[p].w[0], seen[p].w[1], seen[p].w[2] };
@@ -171,7 +171,7 @@ static void a_sun_that_is_down_does_no_harm(void **state)
     const uint32_t seeds = full() ? 512 : 64;
     uint64_t dark = 0, total = 0;
     (void)state;
-    struct gbuffer g = points_with_sets(4, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
+    struct gbuffer g = points_make(4, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
     struct direct *d = direct_create(best_kernels());
     for (int p = 0; p < UNSEEN; p++) {
         float lo[4 * 3 * PACKET];
@@ -229,7 +229,7 @@ static void fewer_samples_than_strata_do_not_bias(void **state)
     struct worst z = { 0.0, "" }, error = { 0.0, "" };
     const uint32_t seeds = full() ? 16384 : 1024;
     (void)state;
-    struct gbuffer g = points_with_sets(4, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
+    struct gbuffer g = points_make(4, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
     points_scatter(&g, 3);
     for (int sun = 0; sun < 2; sun++) {
         struct environment *e = sky_environment(sun ? sky_with_sun(64, 32, 1e4f) : sky_overcast(64, 32), 32, 0.0);
@@ -265,7 +265,7 @@ static void a_black_frame_is_black_by_every_method(void **state)
     struct prepared_scene *set = NULL;
     struct reason why;
     assert_int_equal(
-        set_create(&(struct prepared_scene_desc){ .width = W, .height = H, .edge_rays = 1, .interleave = 2 }, &set,
+        set_create(&(struct prepared_scene_desc){ .width = W, .height = H, .edge_rays = 1 }, &set,
                    &why),
         ERR_OK);
     struct environment *e = sky_environment(sky_constant(32, 16, 0.0f), 16, 0.0);

@@ -35,7 +35,7 @@ static struct lobe lobe_at(enum lobe_kind kind, float diffuse, float specular, u
 
 static struct gbuffer lobes_make(enum lobe_kind kind, float diffuse, float specular)
 {
-    struct gbuffer g = points_with_sets(PACKETS, kind, diffuse, specular, 1.0f);
+    struct gbuffer g = points_make(PACKETS, kind, diffuse, specular, 1.0f);
 
     for (uint32_t k = 0; k < PACKETS * PACKET; k++) {
         struct shade_packet *p = &g.packets[k / PACKET];

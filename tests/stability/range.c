@@ -235,7 +235,7 @@ static void seven_orders_of_magnitude_leave_the_shadow_right(void **state)
     struct environment *e = seven_orders();
     const double phi = PI - 2.0 * PI * 301.5 / 512.0, theta = PI * 77.5 / 256.0;
     const double n[3] = { -sin(theta) * sin(phi), -cos(theta), -sin(theta) * cos(phi) };
-    struct gbuffer g = points_with_sets(4, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
+    struct gbuffer g = points_make(4, LOBE_LAMBERT, 1.0f, 0.0f, 0.0f);
     for (uint32_t i = 0; i < 4 * PACKET; i++) {
         struct shade_packet *p = &g.packets[i / PACKET];
         const uint32_t l = i % PACKET;

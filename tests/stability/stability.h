@@ -115,7 +115,7 @@ static const struct variant variants[] = {
     { "mis, sun", { .method = METHOD_MIS, .sun = true }, ANY_SKY | SMALL_SUN | SHARP_LOBE | HIDDEN_SUN },
     { "mis, compensated", { .method = METHOD_MIS, .compensate = COMPENSATE_ON }, ANY_SKY | SMALL_SUN | SHARP_LOBE },
     { "mis, all options",
-      { .method = METHOD_MIS, .compensate = COMPENSATE_ON, .sun = true, .cells = 4, .interleave = 2 },
+      { .method = METHOD_MIS, .compensate = COMPENSATE_ON, .sun = true, .cells = 4, .scatter = true },
       ANY_SKY | SMALL_SUN | SHARP_LOBE | HIDDEN_SUN },
     { "latlong", { .method = METHOD_LATLONG }, ANY_SKY | SMALL_SUN | OWN_SOURCE },
     { "latlong-rows", { .method = METHOD_LATLONG_ROWS }, ANY_SKY | SMALL_SUN | OWN_SOURCE },
@@ -204,18 +204,6 @@ static inline struct tally tally_by(const struct gbuffer *g, const struct enviro
 static inline double z_of(const struct tally *t, double want)
 {
     return fabs(tally_mean(t) - want) / (tally_error(t) + 2e-6 * fabs(want));
-}
-
-/* Four sets of samples are possible on it. */
-static inline struct gbuffer points_with_sets(uint32_t packets, enum lobe_kind kind, float diffuse, float specular,
-                                              float gloss)
-{
-    struct gbuffer g = points_make(packets, kind, diffuse, specular, gloss);
-
-    g.interleave = 2;
-    for (uint32_t i = 0; i < packets; i++)
-        g.packets[i].sample_set = i % 4;
-    return g;
 }
 
 /* Directions of a cube map's texel or of a lat-long texel, `sub` x `sub` of them, weighted by solid angle. */
@@ -324,7 +312,6 @@ static inline struct prepared_scene *set_of(struct scene *s, const struct camera
 
     if (s->triangle_count == 0)
         assert_int_equal(scene_finish(s, "a scene made by hand", &why), ERR_OK);
-    g.interleave = 2;
     set->scene = s;
     set->rays = rays_create_for(s, cpu_best());
     assert_non_null(set->rays);

@@ -128,19 +128,6 @@ static enum err build_table(struct direct *d, const struct environment *e, const
     return result;
 }
 
-/* Maps each packet's sample set to a set of light samples: the K x K pattern, folded if fewer sets are requested. */
-static enum err fold_sets(const struct gbuffer *g, const struct direct_desc *desc, struct direct_frame *frame)
-{
-    const uint32_t packed = g->interleave ? g->interleave : 1, used = desc->interleave ? desc->interleave : 1;
-
-    if (used > packed || packed % used != 0)
-        return err_say(desc->why, ERR_USAGE, "interleave %u x %u does not divide the G-buffer's %u x %u", used, used,
-                       packed, packed);
-    for (uint32_t k = 0; k < packed * packed; k++)
-        frame->set_of[k] = (uint8_t)(k / packed % used * used + k % packed % used);
-    return ERR_OK;
-}
-
 /* The maximum count that any packet takes from each stratum of each set: the number to draw in a cell. */
 static void count_most(const struct direct *d, const struct gbuffer *g, const struct packet_list *only,
                        const struct direct_frame *frame, uint32_t (*most)[STRATA_MAX])
@@ -154,7 +141,7 @@ static void count_most(const struct direct *d, const struct gbuffer *g, const st
 #pragma omp for schedule(static)
         for (uint32_t k = 0; k < packets; k++) {
             const uint32_t i = only ? only->index[k] : k;
-            uint32_t *m = own[direct_lights(frame, &g->packets[i], i) - frame->lights];
+            uint32_t *m = own[direct_lights(frame, i) - frame->lights];
             d->kernels->direct_counts(frame, &g->packets[i], i, count);
             for (uint32_t f = 0; f < strata; f++)
                 m[f] = count[f] > m[f] ? count[f] : m[f];
@@ -167,7 +154,7 @@ static void count_most(const struct direct *d, const struct gbuffer *g, const st
     }
 }
 
-/* Draws one set of light samples. The first has the same seed as without interleaving. */
+/* Draws one set of light samples. The first has the same seed as a single one. */
 static enum err draw_set(struct direct *d, const struct environment *e, const struct method_recipe *recipe,
                          const struct strategy *s, uint32_t k, const uint32_t *most)
 {
@@ -282,9 +269,9 @@ static void reset_log(struct direct_log *log)
 }
 
 /* The log before shading: all samples generated, none chosen. */
-static enum err begin_log(struct direct_log *log, const struct gbuffer *g, const struct direct_frame *f)
+static enum err begin_log(struct direct_log *log, const struct direct_frame *f)
 {
-    const struct light_samples *lights = direct_lights(f, &g->packets[log->packet], log->packet);
+    const struct light_samples *lights = direct_lights(f, log->packet);
 
     log->samples = f->counts ? f->counts[log->packet] : f->samples;
     log->strata = f->light_part > 0.0f ? lights->strata : 0;
@@ -318,12 +305,9 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
 {
     const struct method_recipe *recipe = method_recipe(desc->method);
     const uint64_t seed = rng_mix(desc->seed, desc->pass);
-    const uint32_t interleave = desc->interleave ? desc->interleave : 1;
     struct strategy s = {
         .light = (uint32_t)ceilf(recipe->light_part * (float)desc->samples),
-        .sets = !(recipe->light_part > 0.0f) ? 1
-                : desc->scatter              ? LIGHT_SETS_MAX
-                                             : interleave * interleave,
+        .sets = recipe->light_part > 0.0f && desc->scatter ? LIGHT_SETS_MAX : 1,
         .set_seed = rng_mix(seed, 0),
     };
     struct direct_frame frame = {
@@ -344,8 +328,8 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
     *stats = (struct direct_stats){ 0 };
     if (desc->log)
         reset_log(desc->log);
-    enum err result = fold_sets(g, desc, &frame);
-    if (!result && !desc->keep && (recipe->strata == STRATA_LATLONG || recipe->strata == STRATA_ROWS))
+    enum err result = ERR_OK;
+    if (!desc->keep && (recipe->strata == STRATA_LATLONG || recipe->strata == STRATA_ROWS))
         result = latlong_build(&d->latlong, e, desc->why);
     if (result)
         return result;
@@ -367,7 +351,7 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
         return result;
     frame.numbers = d->numbers;
     frame.log = desc->log;
-    if (desc->log && begin_log(desc->log, g, &frame))
+    if (desc->log && begin_log(desc->log, &frame))
         return ERR_NOMEM;
     shade_packets(d, g, &frame, desc, lo, stats);
     take_stats(d, &s, stats);

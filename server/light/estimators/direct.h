@@ -43,14 +43,12 @@ struct direct_desc {
      * From 2 on, a packet draws integer counts for all its points at once by systematic resampling: the expected count
      * is N q, where q is the mean of its points' shares. beta of Eq. 5 then applies only to the sun. sun: make the sun,
      * if there is one, a separate stratum. compensate: only effective if BRDF lobes are sampled too. scatter: each
-     * packet takes one of 16 sets of light samples, by its index, instead of sharing those of `interleave`. The error
-     * of a set then looks like noise, which a filter removes, instead of a tint. interleave: K, for K x K sets of light
-     * samples, a divisor of the G-buffer's own; 0: 1. */
+     * packet takes one of 16 sets of light samples, by its index, instead of all sharing one. The error of a set
+     * then looks like noise, which a filter removes, instead of a tint. */
     uint32_t cells;
     bool sun;
     enum compensate compensate;
     bool scatter;
-    uint32_t interleave;
 
     /* only: the packets to shade, NULL: all; other packets' places in lo are unchanged. A packet's result does not
      * depend on the list, except with cells, whose samples are as many as the packets of the list need. keep: sky,
@@ -89,7 +87,7 @@ struct direct *direct_create(const struct kernels *kernels);
 void direct_destroy(struct direct *d); /* NULL is allowed */
 
 /* Shades a G-buffer. lo: float[packet_count][3][16], radiance towards the viewer; every lane is written, padding with
- * 0. ERR_UNSUPPORTED: a latlong method on a source that is not lat-long. ERR_USAGE: invalid cells or interleave.
+ * 0. ERR_UNSUPPORTED: a latlong method on a source that is not lat-long. ERR_USAGE: invalid cells.
  * ERR_NOMEM. */
 MUST_CHECK enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct rays *rays,
                                  const struct environment *e, const struct direct_desc *desc, float *lo,

@@ -335,7 +335,7 @@ static void take_counts(struct packet_state *s, uint32_t index)
 /* The strata's shares of the packet's light samples. */
 static void set_up_strata(struct packet_state *s, uint32_t index)
 {
-    s->lights = direct_lights(s->frame, s->points, index);
+    s->lights = direct_lights(s->frame, index);
     s->sun = s->lights->has_sun ? s->lights->strata - 1 : s->lights->strata;
     set_up_shares(s);
     if (s->frame->systematic)

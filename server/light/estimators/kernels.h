@@ -28,8 +28,7 @@ struct direct_frame { /* common to all packets of a frame; borrowed */
     const struct environment *environment;
     const struct sky_table *table;      /* of the strata; NULL: the environment's own faces, or one stratum */
     const struct light_samples *lights; /* [sets] */
-    uint8_t set_of[LIGHT_SETS_MAX];     /* maps shade_packet.sample_set to an index of `lights`, */
-    bool scatter;                       /* false: packets choose one of LIGHT_SETS_MAX sets by their index instead */
+    bool scatter; /* packets choose one of LIGHT_SETS_MAX sets by their index; else all have the first */
     const struct rays *rays;            /* NULL: no occlusion */
     enum share share;
     bool systematic;             /* integer counts per packet; else N_f per point */
@@ -42,11 +41,10 @@ struct direct_frame { /* common to all packets of a frame; borrowed */
     struct direct_log *log; /* records the samples of one packet (direct_log.h); may be NULL */
 };
 
-/* The set of light samples of packet p. */
-static inline const struct light_samples *direct_lights(const struct direct_frame *f, const struct shade_packet *p,
-                                                        uint32_t index)
+/* The set of light samples of a packet. */
+static inline const struct light_samples *direct_lights(const struct direct_frame *f, uint32_t index)
 {
-    return &f->lights[f->scatter ? packet_set(index) : f->set_of[p->sample_set]];
+    return &f->lights[f->scatter ? packet_set(index) : 0];
 }
 
 struct kernels {

@@ -28,7 +28,7 @@ static bool cache_may_serve(const struct relight_desc *light)
     const struct direct_desc *d = &light->direct;
 
     return d->method == METHOD_AUTO && (light->classes & PATH_DIRECT || light->classes == 0) && d->cells <= 1 &&
-           !d->sun && d->compensate == COMPENSATE_OFF && d->interleave <= 1 && !d->no_visibility;
+           !d->sun && d->compensate == COMPENSATE_OFF && !d->no_visibility;
 }
 
 static struct relight_desc by_cache(const struct relight_desc *light)

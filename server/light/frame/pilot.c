@@ -95,7 +95,6 @@ struct direct_desc pilot_direct(struct pilot *p, double n, uint64_t pass, const 
         .seed = asked->seed,
         .pass = pass,
         .no_visibility = asked->no_visibility,
-        .interleave = asked->interleave,
         .only = only,
         .cancel = asked->cancel,
         .why = asked->why,

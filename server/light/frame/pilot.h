@@ -73,7 +73,7 @@ struct pilot_stats {
 struct pilot *pilot_create(struct relighter *r, const struct pilot_desc *desc);
 void pilot_destroy(struct pilot *p); /* NULL is allowed */
 
-/* As relighter_run: rgb float[height][width][3]. It uses seed, pass, interleave, no_visibility, cancel and why of
+/* As relighter_run: rgb float[height][width][3]. It uses seed, pass, no_visibility, cancel and why of
  * light->direct, and respects explicit particles, eye_paths and estimators. stats->plan receives the choice; its
  * sentences are valid until the next run. Cancelled frames are not measured. Errors are those of relighter_run. */
 MUST_CHECK enum err pilot_run(struct pilot *p, const struct environment *e, const struct relight_desc *light,

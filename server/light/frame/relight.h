@@ -54,7 +54,6 @@ struct prepared_scene_desc {
     bool every_pixel;              /* trace the edge rays in all pixels */
     bool soon;                     /* for a first image: if the scene has glass, whose rays branch, one camera ray per
                                       pixel, until set_create_complete; not with every_pixel */
-    uint32_t interleave;           /* sets of light samples among neighbouring pixels, per side: gbuffer.h; 0: 1 */
     const struct kernels *kernels; /* whose CPU level limits Embree; NULL: the best of this CPU */
     bool progress;                 /* show a progress line on standard error, if that is a terminal */
 };

@@ -90,7 +90,6 @@ static enum err build_gbuffer(struct prepared_scene *s, const struct prepared_sc
         .height = desc->height,
         .edge_rays = s->coarse ? 1 : desc->edge_rays,
         .every_pixel = desc->every_pixel,
-        .interleave = desc->interleave,
         .progress = line,
     };
     e = ground_check_camera(s->scene, &camera, s->name, why);

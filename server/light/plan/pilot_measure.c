@@ -71,13 +71,12 @@ static bool fill_group(const struct gbuffer *g, const struct tiles *t, uint32_t 
 
 bool groups_init(struct groups *s, const struct gbuffer *g)
 {
-    const uint32_t interleave = g->interleave ? g->interleave : 1;
     struct tiles *t = &s->tiles;
 
     *s = (struct groups){ .gbuffer = g };
-    cut(t, g, TILE * interleave);
+    cut(t, g, TILE);
     if (t->count < TILES_A_GROUP * GROUPS_MAX)
-        cut(t, g, TILE_SMALL * interleave);
+        cut(t, g, TILE_SMALL);
     s->count = (uint32_t)fmin(fmax(t->count / TILES_A_GROUP, 1), GROUPS_MAX);
     t->group = mem_alloc(t->count, 1);
     uint8_t *seen = mem_alloc(g->packet_count, 1);

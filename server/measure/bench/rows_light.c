@@ -72,7 +72,7 @@ enum err bench_part_create(struct bench *b, const struct direct_desc *desc, stru
     *rays = 0;
     if (!p)
         return ERR_NOMEM;
-    *p = (struct part){ .b = b, .desc = *desc, .g.interleave = g->interleave };
+    *p = (struct part){ .b = b, .desc = *desc };
     p->g.packets = mem_alloc(g->packet_count, sizeof(*p->g.packets));
     p->lo = mem_alloc(g->packet_count, 3 * PACKET * sizeof(float));
     p->direct = direct_create(b->kernels);

@@ -58,7 +58,6 @@ enum err render_meter(struct render *r, struct reason *why)
     desc.height = (uint32_t)fmax(1.0, round(scale * desc.height));
     desc.every_pixel = false;
     desc.edge_rays = 0;
-    desc.interleave = 1;
     enum err e = set_create_view(r->set, &desc, NULL, &set, why);
     float *rgb = e ? NULL : mem_alloc((size_t)desc.width * desc.height, 3 * sizeof(float));
     if (!e)

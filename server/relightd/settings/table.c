@@ -166,8 +166,6 @@ const struct setting settings_table[] = {
       AT(light.direct.sun) },
     { "compensate", "C", "MIS compensation of the light samples of mis", "off", LIGHTING, LIGHT_PROGRAMS,
       CHOICE(compensate_choices), AT(light.direct.compensate) },
-    { "interleave", "K", "K x K sets of light samples among neighbouring pixels; 1, 2 or 4", "1", LIGHTING,
-      LIGHT_PROGRAMS, POWER(4), AT(light.direct.interleave) },
     { "importance", "I", "importance of the environment map's texels", "luminance", LIGHTING, LIGHT_PROGRAMS,
       CHOICE(importance_choices), AT(environment.importance) },
     { "no-visibility", NULL, "trace no shadow rays, as in the paper", NULL, LIGHTING, LIGHT_PROGRAMS, SWITCH,
@@ -220,7 +218,6 @@ enum err setup_complete(struct setup *s, struct reason *why)
     s->set_desc.camera = initial->camera[0] ? initial->camera : NULL;
     s->set_desc.width = s->size[0];
     s->set_desc.height = s->size[1];
-    s->set_desc.interleave = s->light.direct.interleave;
     s->set_desc.reading.animate = s->time != TIME_REST;
     s->set_desc.reading.time = s->time;
     s->light.direct.method = initial->method;

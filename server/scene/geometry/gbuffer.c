@@ -451,7 +451,7 @@ static enum err finish(struct build *b, struct reason *why)
 
     if (point_count > UINT32_MAX - 4 * PACKET || miss_count > UINT32_MAX)
         return too_large(b, why);
-    enum err e = packing_init(&packing, b->rows, g->height, (uint32_t)point_count, g->interleave);
+    enum err e = packing_init(&packing, b->rows, g->height, (uint32_t)point_count);
     if (e)
         return e;
     g->point_count = point_count;
@@ -512,8 +512,6 @@ enum err gbuffer_create(const struct scene *scene, const struct rays *rays, cons
     if (desc->edge_rays > EDGE_RAYS_MAX)
         return err_say(why, ERR_RANGE, "%u camera rays per side of an edge pixel; the limit is %u", desc->edge_rays,
                        EDGE_RAYS_MAX);
-    if (desc->interleave > 4 || desc->interleave == 3)
-        return err_say(why, ERR_RANGE, "interleave %u x %u: expected 1, 2 or 4", desc->interleave, desc->interleave);
     struct build b = {
         .desc = desc,
         .g = mem_alloc(1, sizeof(*b.g)),
@@ -524,7 +522,6 @@ enum err gbuffer_create(const struct scene *scene, const struct rays *rays, cons
         return err_say(why, ERR_NOMEM, "out of memory for the G-buffer");
     b.g->width = desc->width;
     b.g->height = desc->height;
-    b.g->interleave = desc->interleave ? desc->interleave : 1;
     view_init(&b.view, desc->camera, desc->width, desc->height);
     b.g->pixel_angle = (float)b.view.step;
     b.sight = (struct sight){ .scene = scene,

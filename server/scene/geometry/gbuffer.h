@@ -30,10 +30,9 @@ struct shade_packet { /* 16 shading points; lanes >= count repeat the last one a
     uint8_t layer[PACKET];  /* enum scatter_layer */
     uint32_t kind;          /* enum lobe_kind */
     uint32_t count;         /* 1..16 */
-    uint32_t sample_set;    /* set of light samples: (y mod K) K + x mod K, K = interleave; 0 at K = 1 */
 };
 
-/* Copies one point to a lane of another packet, whose kind, count and sample_set are unchanged. */
+/* Copies one point to a lane of another packet, whose kind and count are unchanged. */
 void shade_packet_put(struct shade_packet *to, uint32_t at, const struct shade_packet *from, uint32_t lane,
                       int32_t valid);
 
@@ -65,7 +64,6 @@ struct gbuffer_miss {
 
 struct gbuffer {
     uint32_t width, height;
-    uint32_t interleave; /* K, at least 1; 0 means 1 */
     struct shade_packet *packets;
     uint32_t packet_count;
     uint64_t point_count;  /* lanes in use, without padding */
@@ -87,13 +85,11 @@ struct gbuffer_desc {
     uint32_t width, height; /* 1..16384 */
     uint32_t edge_rays;  /* per side: an edge pixel gets edge_rays^2 camera rays; 0: 4, 1: no extra ones; at most 64 */
     bool every_pixel;    /* treat all pixels as edges */
-    uint32_t interleave; /* K = 1, 2 or 4: all pixels of a packet have the same position in the K x K pattern, and each
-                            position can have its own light samples [Keller and Heidrich 2001]; 0: 1 */
     uint64_t max_bytes;  /* limit of memory during construction, about 1.3 times the final size; 0: 4 GiB */
     struct progress *progress; /* may be NULL; stepped once per row */
 };
 
-/* Traces a camera's G-buffer on all OpenMP threads. The caller owns *out, NULL on error. ERR_RANGE: size, interleave or
+/* Traces a camera's G-buffer on all OpenMP threads. The caller owns *out, NULL on error. ERR_RANGE: size or
  * max_bytes. ERR_NOMEM. */
 MUST_CHECK enum err gbuffer_create(const struct scene *scene, const struct rays *rays, const struct gbuffer_desc *desc,
                                    struct gbuffer **out, struct reason *why);

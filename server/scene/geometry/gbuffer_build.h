@@ -124,11 +124,11 @@ struct row {
 
 /* A packet's properties, known before it is filled. */
 struct packet_head {
-    uint8_t kind, count, sample_set;
+    uint8_t kind, count;
     bool begun; /* its memory has been zeroed */
 };
 
-/* The assignment of points to packets: one kind and sample set per packet, close together, similar where possible. */
+/* The assignment of points to packets: one kind per packet, close together, similar where possible. */
 struct packing {
     uint32_t *slots; /* [point_count]: packet * 16 + lane, for the points of all rows in order */
     struct packet_head *heads;
@@ -137,9 +137,8 @@ struct packing {
 
 #define PACKING_BYTES 24 /* memory per point that packing_init needs while sorting */
 
-/* Assigns all points of the rows; uses only their points. interleave: 1, 2 or 4. ERR_NOMEM: *p is then finished. */
-MUST_CHECK enum err packing_init(struct packing *p, const struct row *rows, uint32_t row_count, uint32_t point_count,
-                                 uint32_t interleave);
+/* Assigns all points of the rows; uses only their points. ERR_NOMEM: *p is then finished. */
+MUST_CHECK enum err packing_init(struct packing *p, const struct row *rows, uint32_t row_count, uint32_t point_count);
 void packing_finish(struct packing *p); /* frees the memory; zeroed memory is allowed */
 
 /* Writes a row's points to their packets; `first` is the number of the row's first point. Call it once per row, in any

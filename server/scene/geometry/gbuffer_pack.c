@@ -13,7 +13,6 @@
 #define KEY_BITS 44u
 #define DIGIT_BITS 11u
 #define KIND_SHIFT 42u /* the kind is in the top two bits of the key */
-#define SET_SHIFT 38u  /* followed by up to four bits of the sample set */
 
 /* Spreads the low 16 bits of x to the even bit positions. */
 static uint64_t spread(uint64_t x)
@@ -40,21 +39,17 @@ static uint64_t normal_cell(struct vec3 n)
     return cell;
 }
 
-/* Sort key: kind (2 bits), sample set (2 bits `phase`), tile in Morton order, material and layer (8), normal (6),
- * position in the tile. Pixels of an image with 2^14 per side take 28 bits together with the sample set, their lowest
- * bits. The sample set is above the tile: below it, each set would leave a packet half filled in each tile. Tiles count
- * the pixels of a set, so that they hold as many points at any interleave. */
-static uint64_t sort_key(const struct shade_point *p, unsigned phase)
+/* Sort key: kind (2 bits), tile in Morton order, material and layer (8), normal (6), position in the tile. Pixels of an
+ * image with 2^14 per side take 28 bits. */
+static uint64_t sort_key(const struct shade_point *p)
 {
-    const uint32_t inside = (1u << TILE_BITS) - 1u, among = (1u << phase) - 1u;
-    const uint32_t x = p->x >> phase, y = p->y >> phase;
+    const uint32_t inside = (1u << TILE_BITS) - 1u;
     uint64_t key = p->kind;
 
-    key = key << 2 * phase | (p->y & among) << phase | (p->x & among);
-    key = key << (28 - 2 * TILE_BITS - 2 * phase) | morton(x >> TILE_BITS, y >> TILE_BITS);
+    key = key << (28 - 2 * TILE_BITS) | morton(p->x >> TILE_BITS, p->y >> TILE_BITS);
     key = key << 8 | ((p->material * 29u + p->mesh + 85u * p->layer) & 0xffu);
     key = key << 6 | normal_cell(p->shading);
-    key = key << 2 * TILE_BITS | morton(x & inside, y & inside);
+    key = key << 2 * TILE_BITS | morton(p->x & inside, p->y & inside);
     return key;
 }
 
@@ -124,29 +119,21 @@ static uint8_t kind_of(const struct item *item)
     return (uint8_t)(item->key_high >> (KIND_SHIFT - 32));
 }
 
-/* The sample set follows it. */
-static uint8_t set_of(const struct item *item, unsigned phase)
-{
-    const uint32_t below_kind = item->key_high >> (SET_SHIFT - 32) & 15u;
-    return (uint8_t)(below_kind >> (4 - 2 * phase));
-}
-
-/* Number of packets for `items` if a new kind or sample set starts a new packet; writes their heads and the slots if
+/* Number of packets for `items` if a new kind starts a new packet; writes their heads and the slots if
  * requested. */
-static uint32_t lay_out(const struct item *items, uint32_t count, unsigned phase, struct packet_head *heads,
-                        uint32_t *slots)
+static uint32_t lay_out(const struct item *items, uint32_t count, struct packet_head *heads, uint32_t *slots)
 {
     uint32_t packets = 0, lane = 0;
 
     for (uint32_t i = 0; i < count; i++) {
-        const uint8_t kind = kind_of(&items[i]), set = set_of(&items[i], phase);
-        if (i == 0 || lane == PACKET || kind != kind_of(&items[i - 1]) || set != set_of(&items[i - 1], phase)) {
+        const uint8_t kind = kind_of(&items[i]);
+        if (i == 0 || lane == PACKET || kind != kind_of(&items[i - 1])) {
             packets++;
             lane = 0;
         }
         lane++;
         if (heads)
-            heads[packets - 1] = (struct packet_head){ .kind = kind, .count = (uint8_t)lane, .sample_set = set };
+            heads[packets - 1] = (struct packet_head){ .kind = kind, .count = (uint8_t)lane };
         if (slots)
             slots[items[i].point] = (packets - 1) * PACKET + lane - 1;
     }
@@ -154,14 +141,14 @@ static uint32_t lay_out(const struct item *items, uint32_t count, unsigned phase
 }
 
 /* Sorts the points of all rows into packet order. */
-static void sort_points(const struct row *rows, uint32_t row_count, uint32_t point_count, unsigned phase,
+static void sort_points(const struct row *rows, uint32_t row_count, uint32_t point_count,
                         struct item *items, struct item *spare)
 {
     uint32_t n = 0;
 
     for (uint32_t y = 0; y < row_count; y++) {
         for (uint32_t i = 0; i < rows[y].point_count; i++, n++) {
-            const uint64_t key = sort_key(&rows[y].points[i], phase);
+            const uint64_t key = sort_key(&rows[y].points[i]);
             items[n] = (struct item){ (uint32_t)(key >> 32), (uint32_t)key, n };
         }
     }
@@ -169,10 +156,8 @@ static void sort_points(const struct row *rows, uint32_t row_count, uint32_t poi
     radix_sort(items, spare, point_count);
 }
 
-enum err packing_init(struct packing *p, const struct row *rows, uint32_t row_count, uint32_t point_count,
-                      uint32_t interleave)
+enum err packing_init(struct packing *p, const struct row *rows, uint32_t row_count, uint32_t point_count)
 {
-    const unsigned phase = interleave / 2; /* bits: 1, 2, 4 become 0, 1, 2 */
     struct item *items = mem_alloc_raw(point_count, sizeof(*items));
     void *spare = mem_alloc_raw(point_count, sizeof(*items));
     enum err e = items && spare ? ERR_OK : ERR_NOMEM;
@@ -180,15 +165,15 @@ enum err packing_init(struct packing *p, const struct row *rows, uint32_t row_co
     *p = (struct packing){ .slots = NULL };
     if (e)
         goto done;
-    sort_points(rows, row_count, point_count, phase, items, spare);
-    p->packet_count = lay_out(items, point_count, phase, NULL, NULL);
+    sort_points(rows, row_count, point_count, items, spare);
+    p->packet_count = lay_out(items, point_count, NULL, NULL);
     p->heads = mem_alloc(p->packet_count, sizeof(*p->heads));
     e = p->heads ? ERR_OK : ERR_NOMEM;
     if (e)
         goto done;
     p->slots = spare; /* reuses an existing buffer */
     spare = NULL;
-    lay_out(items, point_count, phase, p->heads, p->slots);
+    lay_out(items, point_count, p->heads, p->slots);
 done:
     mem_free(spare);
     mem_free(items);
@@ -212,7 +197,6 @@ void packing_put(struct packing *p, const struct row *r, uint32_t first, struct 
             memset(k, 0, sizeof(*k));
             k->kind = head->kind;
             k->count = head->count;
-            k->sample_set = head->sample_set;
             head->begun = true;
         }
         put(k, lane, &r->points[i], -1);

@@ -161,5 +161,5 @@ void digest_points(struct digest *d, const struct gbuffer *g)
 {
     digest_u64(d, (uint64_t)g->width << 32 | g->height);
     for (uint32_t i = 0; i < g->packet_count; i++) /* excludes the padding at the end of a packet */
-        digest_bytes(d, &g->packets[i], offsetof(struct shade_packet, sample_set) + sizeof(g->packets[i].sample_set));
+        digest_bytes(d, &g->packets[i], offsetof(struct shade_packet, count) + sizeof(g->packets[i].count));
 }

@@ -87,11 +87,11 @@ static void every_level_gives_the_same_bits_at_all_options(void **state)
     static const struct direct_desc options[] = {
         { .method = METHOD_FACES, .cells = 8, .samples = 21 },
         { .method = METHOD_FACES_UNIFORM, .cells = 2, .sun = true, .samples = 40 },
-        { .method = METHOD_FACES, .sun = true, .interleave = 4, .samples = 9 },
-        { .method = METHOD_MIS, .cells = 4, .sun = true, .compensate = COMPENSATE_ON, .interleave = 2, .samples = 33 },
+        { .method = METHOD_FACES, .sun = true, .scatter = true, .samples = 9 },
+        { .method = METHOD_MIS, .cells = 4, .sun = true, .compensate = COMPENSATE_ON, .scatter = true, .samples = 33 },
         { .method = METHOD_MIS, .sun = true, .compensate = COMPENSATE_AUTO, .samples = 7 },
         { .method = METHOD_LATLONG, .samples = 16 },
-        { .method = METHOD_LATLONG_ROWS, .interleave = 2, .samples = 16 },
+        { .method = METHOD_LATLONG_ROWS, .scatter = true, .samples = 16 },
     };
     const struct kernels *const *all = kernels_all();
     const uint64_t seed = first_seed();
@@ -101,9 +101,6 @@ static void every_level_gives_the_same_bits_at_all_options(void **state)
     for (int kind = LOBE_LAMBERT; kind <= LOBE_GGX; kind++) {
         struct gbuffer g = points_make(PACKETS, (enum lobe_kind)kind, 0, 0, 0);
         make_hurtful(&g, seed);
-        g.interleave = 4;
-        for (uint32_t i = 0; i < PACKETS; i++)
-            g.packets[i].sample_set = i % 16;
         for (size_t o = 0; o < sizeof(options) / sizeof(options[0]); o++)
             for (size_t k = 0; all[k]; k++)
                 for (int threads = 1; threads <= 2; threads++) {

@@ -1,5 +1,5 @@
 /* What goes beyond the paper: strata finer than faces, the sun as one of them, tables compensated for the lobes,
- * interleaved sets; and sampling by a lat-long's own texels. Each must have the mean of plain `mis`.
+ * sets of samples among packets; and sampling by a lat-long's own texels. Each must have the mean of plain `mis`.
  *
  * Points share samples, so the replicates are seeds: 48 of them, the mean over all points for each. Two estimates
  * differ when their means over the seeds do by more than LIMIT standard errors. 64 such comparisons are made; LIMIT =
@@ -58,8 +58,8 @@ static struct estimate measure(const struct environment *e, const struct gbuffer
     struct direct *d = direct_create(best_kernels());
 
     omp_set_num_threads(1);     /* the work is in small pieces, and the cores may be busy */
-    if (v->desc.interleave > 1) /* the sets average each other: as few samples as keep the work alike */
-        samples /= v->desc.interleave;
+    if (v->desc.scatter) /* the sets average each other: as few samples as keep the work alike */
+        samples /= 4;
     if (v->desc.method == METHOD_FACES_UNIFORM) /* wastes the most */
         samples *= 2;
     for (uint64_t seed = 0; seed < seeds; seed++) {
@@ -94,9 +94,9 @@ static const struct variant variants[] = {
     { "mis, compensated", { .method = METHOD_MIS, .compensate = COMPENSATE_ON } },
     { "mis, compensated, sun", { .method = METHOD_MIS, .compensate = COMPENSATE_ON, .sun = true } },
     { "mis, all of it", { .method = METHOD_MIS, .compensate = COMPENSATE_ON, .sun = true, .cells = 4 } },
-    { "auto, gated", { .method = METHOD_AUTO, .compensate = COMPENSATE_AUTO, .interleave = 2 } },
-    { "faces, interleaved", { .method = METHOD_FACES, .interleave = 4 } },
-    { "mis, interleaved cells, sun", { .method = METHOD_MIS, .interleave = 4, .cells = 4, .sun = true } },
+    { "auto, gated", { .method = METHOD_AUTO, .compensate = COMPENSATE_AUTO, .scatter = true } },
+    { "faces, scattered", { .method = METHOD_FACES, .scatter = true } },
+    { "mis, scattered cells, sun", { .method = METHOD_MIS, .scatter = true, .cells = 4, .sun = true } },
 };
 #define VARIANTS (sizeof(variants) / sizeof(variants[0]))
 
@@ -105,9 +105,6 @@ static struct gbuffer scattered(enum lobe_kind kind, float diffuse, float specul
     struct gbuffer g = points_make(PACKETS, kind, diffuse, specular, gloss);
 
     points_scatter(&g, seed);
-    g.interleave = 4;
-    for (uint32_t i = 0; i < PACKETS; i++)
-        g.packets[i].sample_set = i;
     return g;
 }
 
@@ -161,7 +158,7 @@ static void latlong_methods_agree(void **state)
     static const struct variant by_source[] = {
         { "latlong", { .method = METHOD_LATLONG } },
         { "latlong-rows", { .method = METHOD_LATLONG_ROWS } },
-        { "latlong, interleaved", { .method = METHOD_LATLONG, .interleave = 2 } },
+        { "latlong, scattered", { .method = METHOD_LATLONG, .scatter = true } },
     };
     (void)state;
     struct gbuffer g = scattered(LOBE_PHONG, 0.4f, 0.4f, 10.0f, 51);
@@ -252,7 +249,6 @@ static void a_sun_behind_the_surface_lights_nothing(void **state)
     struct environment *e = sky_environment(f, 32, 0.0);
     struct gbuffer g = points_make(PACKETS, LOBE_PHONG, 0.5f, 0.4f, 30.0f);
     struct direct *d = direct_create(best_kernels());
-    g.interleave = 4;
     for (size_t k = 0; k < VARIANTS; k++) {
         run(d, &g, e, &variants[k], 16, 1, lo, &stats);
         assert_int_equal(stats.effective, 0);
@@ -268,7 +264,7 @@ static void what_changes_nothing_gives_the_same_bits(void **state)
 {
     static float want[POINTS * 3], got[POINTS * 3];
     static const struct variant same[] = {
-        { "one cell", { .method = METHOD_MIS, .cells = 1, .interleave = 1 } },
+        { "one cell", { .method = METHOD_MIS, .cells = 1 } },
         { "no sun there", { .method = METHOD_MIS, .sun = true } },
     };
     static const struct variant alone = { "faces", { .method = METHOD_FACES } };
@@ -327,28 +323,18 @@ static void sets_have_samples_of_their_own(void **state)
     struct gbuffer g = points_make(PACKETS, LOBE_LAMBERT, 0.5f, 0.0f, 0.0f);
     struct direct *d = direct_create(best_kernels());
     const size_t bytes = 3 * PACKET * sizeof(float);
-    g.interleave = 4;
-    for (uint32_t i = 0; i < PACKETS; i++)
-        g.packets[i].sample_set = (i * 5) % 16;
     run(d, &g, e, &v, 16, 1, lo, &one);
     for (uint32_t i = 1; i < PACKETS; i++)
         assert_memory_equal(lo, lo + (size_t)i * 3 * PACKET, bytes);
-    for (v.desc.interleave = 2; v.desc.interleave <= 4; v.desc.interleave *= 2) {
-        const uint32_t k = v.desc.interleave;
-        run(d, &g, e, &v, 16, 1, lo, &stats);
-        assert_int_equal(stats.generated, k * k * one.generated);
-        for (uint32_t i = 0; i < PACKETS; i++)
-            for (uint32_t j = 0; j < i; j++) {
-                const uint32_t a = g.packets[i].sample_set, b = g.packets[j].sample_set;
-                const bool same = a % k == b % k && a / 4 % k == b / 4 % k; /* column and row of the pattern */
-                const bool got = memcmp(lo + (size_t)i * 3 * PACKET, lo + (size_t)j * 3 * PACKET, bytes) == 0;
-                assert_int_equal(got, same);
-            }
-    }
-    v.desc.interleave = 3;
+    v.desc.scatter = true;
+    run(d, &g, e, &v, 16, 1, lo, &stats);
+    assert_int_equal(stats.generated, PACKET_SETS * one.generated);
+    for (uint32_t i = 0; i < PACKETS; i++)
+        for (uint32_t j = 0; j < i; j++) {
+            const bool got = memcmp(lo + (size_t)i * 3 * PACKET, lo + (size_t)j * 3 * PACKET, bytes) == 0;
+            assert_int_equal(got, packet_set(i) == packet_set(j));
+        }
     v.desc.samples = 16;
-    assert_int_equal(direct_shade(d, &g, NULL, e, &v.desc, lo, &stats), ERR_USAGE);
-    v.desc.interleave = 1;
     v.desc.cells = 3;
     assert_int_equal(direct_shade(d, &g, NULL, e, &v.desc, lo, &stats), ERR_USAGE);
     direct_destroy(d);

@@ -135,7 +135,7 @@ static inline void world_look(struct world *w, uint32_t width, uint32_t height)
 {
     const struct camera *camera = scene_camera(w->scene, NULL);
     const struct gbuffer_desc desc = {
-        .camera = camera, .width = width, .height = height, .edge_rays = 1, .interleave = 2
+        .camera = camera, .width = width, .height = height, .edge_rays = 1
     };
     struct reason why = { "" };
 

@@ -29,9 +29,9 @@ static const struct technique of_all_skies[] = {
     { "mis, cells 4", .count = 384, .direct = { .method = MIS, .cells = 4 } },
     { "mis, cells 8, sun", .count = 384, .direct = { .method = MIS, .cells = 8, .sun = true } },
     { "mis, sun, compensated", .count = 256, .direct = { .method = MIS, .sun = true, .compensate = COMPENSATE_ON } },
-    { "mis, compensated, 2 x 2", .count = 192,
-      .direct = { .method = MIS, .compensate = COMPENSATE_ON, .interleave = 2 } },
-    { "auto, cells 4, 2 x 2", .count = 128, .direct = { .method = METHOD_AUTO, .cells = 4, .interleave = 2 } },
+    { "mis, compensated, scattered", .count = 192,
+      .direct = { .method = MIS, .compensate = COMPENSATE_ON, .scatter = true } },
+    { "auto, cells 4, scattered", .count = 128, .direct = { .method = METHOD_AUTO, .cells = 4, .scatter = true } },
     { "latlong", .count = 384, .direct = { .method = METHOD_LATLONG }, .allowed = 0.01 },
     { "latlong-rows", .count = 1536, .direct = { .method = METHOD_LATLONG_ROWS }, .allowed = 0.01 },
 };

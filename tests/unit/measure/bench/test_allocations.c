@@ -134,13 +134,13 @@ static void no_stage_of_a_frame_takes_memory_after_the_tenth(void **state)
         { .direct = { .method = METHOD_MIS, .samples = 16 } },
         { .direct = { .method = METHOD_AUTO, .samples = 9 } },
         { .direct = { .method = METHOD_FACES, .cells = 4, .sun = true, .samples = 12 } },
-        { .direct = { .method = METHOD_MIS, .interleave = 2, .samples = 16 } },
+        { .direct = { .method = METHOD_MIS, .scatter = true, .samples = 16 } },
         { .direct = { .method = METHOD_LATLONG, .samples = 8 } },
         { .direct = { .method = METHOD_AUTO, .samples = 8 }, .classes = PATH_ALL },
         { .direct = { .method = METHOD_CACHED, .samples = 8 } },
     };
     static const char *const stages[] = { "decoding", "tables", "light", "exposure, tone curve and JPEG" };
-    const struct prepared_scene_desc desc = { .width = 64, .height = 40, .interleave = 2 };
+    const struct prepared_scene_desc desc = { .width = 64, .height = 40 };
     struct reason why = { "" };
     struct bench_sky sky = { .environment = NULL };
     struct bench b = { .sky = &sky };

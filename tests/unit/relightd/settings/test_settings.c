@@ -48,7 +48,6 @@ static void defaults_are_those_of_the_program(void **state)
     assert_int_equal(s->light.indirect, PLAN_AUTO);
     assert_int_equal(s->light.start, START_FACES);
     assert_int_equal(s->light.direct.cells, 1);
-    assert_int_equal(s->light.direct.interleave, 1);
     assert_int_equal(s->light.cache_bytes, 1024000000);
     assert_int_equal(s->light.stored_paths, 0);
     assert_int_equal(s->light.renew, 512);
@@ -116,9 +115,7 @@ static void each_flag_arrives_where_it_is_meant(void **state)
     assert_string_equal(s->set_desc.camera, "roof");
     assert_true(s->set_desc.width == 3 && s->set_desc.height == 4);
 
-    assert_int_equal(read_line("--interleave 2 --importance max --no-visibility --paths direct", &r), ERR_OK);
-    assert_int_equal(s->light.direct.interleave, 2);
-    assert_int_equal(s->set_desc.interleave, 2);
+    assert_int_equal(read_line("--importance max --no-visibility --paths direct", &r), ERR_OK);
     assert_int_equal(s->environment.importance, IMPORTANCE_MAX);
     assert_true(s->light.direct.no_visibility);
     assert_int_equal(s->light.classes, PATH_BACKGROUND | PATH_DIRECT);
@@ -135,7 +132,6 @@ static void what_cannot_be_is_refused_by_its_name(void **state)
         { "--importance least", "--importance 'least' is unknown; expected luminance, mean or max" },
         { "--tone aces", "--tone 'aces' is unknown; expected filmic, reinhard, linear, false-colour or pq" },
         { "--cells 3", "--cells '3' is not a power of two" },
-        { "--interleave 3", "--interleave '3' is not a power of two" },
         { "--samples 0", "--samples '0' is not a whole number from 1 to 1048576" },
         { "--rotate 1e9", "--rotate '1e9' is not a number from -3600 to 3600" },
     };
@@ -143,7 +139,6 @@ static void what_cannot_be_is_refused_by_its_name(void **state)
         /* the sentence is another room's; it names flag and value */
         { "--method guess", "guess" },
         { "--cells 16", "--cells" },
-        { "--interleave 8", "--interleave" },
         { "--eye-paths many", "--eye-paths" },
         { "--particles -1", "--particles" },
         { "--cache-memory 0", "--cache-memory" },

@@ -259,7 +259,7 @@ static void same_images(const struct gbuffer *a, const struct gbuffer *b)
     assert_memory_equal(a->entries, b->entries, a->entry_first[pixels] * sizeof(*a->entries));
     assert_memory_equal(a->misses, b->misses, a->miss_first[pixels] * sizeof(*a->misses));
     for (uint32_t i = 0; i < a->packet_count; i++)
-        assert_memory_equal(&a->packets[i], &b->packets[i], offsetof(struct shade_packet, sample_set));
+        assert_memory_equal(&a->packets[i], &b->packets[i], offsetof(struct shade_packet, count));
 }
 
 /* A wall behind a card that is all hole, or before one that is all surface: by its constant, and where the image is
