@@ -1,10 +1,10 @@
 #include "clients/feed/parcel.h"
 
+#include "base/half.h"
 #include "base/mem.h"
 #include "image/codec/decode.h"
 #include "image/codec/exr_policy.h"
 
-#include <half.h>
 #include <inttypes.h>
 #include <string.h>
 
@@ -59,7 +59,7 @@ static enum err state_texels(struct parcel *p, const struct parcel_desc *d, cons
         p->half_count = (size_t)count;
     }
     for (size_t i = 0; i < count; i++) /* larger values would become infinite as half floats */
-        p->half[i] = imath_float_to_half(rgb[i] > 65504.0f ? 65504.0f : rgb[i]);
+        p->half[i] = half_round(rgb[i] > 65504.0f ? 65504.0f : rgb[i]);
     p->payload = (const uint8_t *)p->half;
     return ERR_OK;
 }

@@ -1,7 +1,7 @@
 #include "image/codec/dwa/dwa_chunk.h"
 
-#define IMATH_HALF_NO_LOOKUP_TABLE
-#include <half.h>
+#include "base/half.h"
+
 #include <math.h>
 #include <string.h>
 
@@ -19,9 +19,9 @@ static const uint8_t zigzag[64] = {
 static uint16_t linear_half(uint16_t *table, uint16_t bits)
 {
     if (!table[bits] && (bits & 0x7fff) && (bits & 0x7c00) != 0x7c00) {
-        const float v = imath_half_to_float(bits & 0x7fff);
+        const float v = half_widen(bits & 0x7fff);
         const float linear = v <= 1.0f ? powf(v, 2.2f) : powf(expf(2.2f), v - 1.0f);
-        table[bits] = (uint16_t)(imath_float_to_half(linear) | (bits & 0x8000));
+        table[bits] = (uint16_t)(half_round(linear) | (bits & 0x8000));
     }
     return table[bits];
 }
@@ -58,7 +58,7 @@ static void transform_lines(const float *in, float *out, size_t along, size_t ac
 /* Reads one block of one channel from the DC and AC streams. */
 static const char *read_block(struct chunk *c, uint16_t dc, float block[64])
 {
-    float coefficients[64] = { imath_half_to_float(dc) };
+    float coefficients[64] = { half_widen(dc) };
     bool flat = true;
 
     for (unsigned k = 1; k < 64;) {
@@ -71,7 +71,7 @@ static const char *read_block(struct chunk *c, uint16_t dc, float block[64])
             k += v & 0xff;
             continue;
         }
-        coefficients[zigzag[k++]] = imath_half_to_float(v);
+        coefficients[zigzag[k++]] = half_widen(v);
         flat = false;
     }
     if (flat) {
@@ -99,7 +99,7 @@ static void to_rgb(float blocks[3][64])
 static void put_half(const struct channel *ch, uint8_t *to, uint16_t bits)
 {
     if (ch->type == EXR_PIXEL_FLOAT) {
-        const float v = imath_half_to_float(bits);
+        const float v = half_widen(bits);
         uint32_t whole;
         memcpy(&whole, &v, 4);
         for (int i = 0; i < 4; i++)
@@ -115,7 +115,7 @@ static void put_block(const struct chunk *c, const struct channel *ch, const flo
     for (uint32_t y = y0; y < c->height && y < y0 + 8; y++) {
         uint8_t *to = c->out + y * c->row_bytes + ch->offset + x0 * ch->size;
         for (uint32_t x = x0; x < c->width && x < x0 + 8; x++, to += ch->size) {
-            const uint16_t bits = imath_float_to_half(block[8 * (y - y0) + x - x0]);
+            const uint16_t bits = half_round(block[8 * (y - y0) + x - x0]);
             put_half(ch, to, ch->linear ? bits : linear_half(c->dwa->to_linear, bits));
         }
     }
