@@ -3,6 +3,7 @@
  * thread per assembly. */
 #pragma once
 
+#include "image/codec/frame.h"
 #include "net/message/message.h"
 #include "protocol/relight_protocol.h"
 
@@ -43,3 +44,7 @@ void assembly_finish(struct assembly *a);
 /* Allocates size bytes with undefined contents. ERR_NOMEM leaves {NULL, 0}. */
 MUST_CHECK enum err block_reserve(struct block *b, size_t size);
 void block_finish(struct block *b);
+
+/* Converts a producer's raw texels to float RGB: fills *f as FRAME_TEXELS, top row first, and leaves its other fields
+ * unchanged. Float texels are not copied: frame and payload swap blocks. ERR_NOMEM leaves FRAME_NONE. Any thread. */
+MUST_CHECK enum err texels_take(struct frame *f, const struct protocol_environment *header, struct block *payload);

@@ -39,8 +39,7 @@ bool server_take_control(struct server *s, struct server_control *out)
     const bool any = k->waiting_count > 0;
     if (any) {
         *out = k->waiting[0];
-        k->waiting_count--;
-        memmove(k->waiting, k->waiting + 1, k->waiting_count * sizeof(k->waiting[0]));
+        drop_first(k->waiting, &k->waiting_count, sizeof(k->waiting[0]));
     }
     pthread_mutex_unlock(&s->lock);
     return any;
@@ -57,10 +56,8 @@ bool server_control_waits(struct server *s)
 /* {lock} */
 static void answer(struct control *k, const struct server_control *asked, const char *error)
 {
-    if (k->answer_count == CONTROL_ANSWERS) {
-        k->answer_count--;
-        memmove(k->answers, k->answers + 1, k->answer_count * sizeof(k->answers[0]));
-    }
+    if (k->answer_count == CONTROL_ANSWERS)
+        drop_first(k->answers, &k->answer_count, sizeof(k->answers[0]));
     struct control_answer *a = &k->answers[k->answer_count++];
     *a = (struct control_answer){ .by = asked->by, .request = asked->request, .clause = asked->clause };
     snprintf(a->error, sizeof(a->error), "%s", error ? error : "");
@@ -99,9 +96,7 @@ void controls_tell(struct server *s)
     k->answer_count = 0;
     pthread_mutex_unlock(&s->lock);
     for (unsigned i = 0; i < count; i++) {
-        struct websocket *ws = s->websockets;
-        while (ws && ws->id != answers[i].by)
-            ws = ws->next;
+        struct websocket *ws = websocket_of(s, answers[i].by);
         if (!ws)
             continue;
         if (answers[i].error[0]) {

@@ -3,7 +3,6 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "net/stream/internal.h"
-#include "net/stream/texels.h"
 
 #include <assert.h>
 #include <stdio.h>

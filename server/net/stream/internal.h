@@ -16,6 +16,7 @@
 #include <libwebsockets.h>
 #include <pthread.h>
 #include <stdatomic.h>
+#include <string.h>
 
 /* Kinds of image, each with its own newest image and sequence numbers: JPEG and EXR formats, JPEG at half and
  * quarter size, the tracks of H.264, and renditions. A kind is an enum protocol_format or one of these. */
@@ -309,6 +310,16 @@ void recorder_ack(struct websocket *ws, const struct message *m, bool received, 
 void recorder_send_end(struct websocket *ws); /* sends the end of its sequence, if over */
 void recorder_leave(struct websocket *ws);
 void recorder_displace(struct websocket *ws); /* takes the name of its sequence, and closes it */
+
+/* Drops the first of *count elements of an array. */
+static inline void drop_first(void *array, unsigned *count, size_t size)
+{
+    --*count;
+    memmove(array, (const char *)array + size, *count * size);
+}
+
+/* websocket.c: the connection of that number; NULL: it is gone. Thread: service. */
+struct websocket *websocket_of(const struct server *s, uint64_t id);
 
 /* control.c, thread: service. */
 void controls_tell(struct server *s);         /* sends answers */

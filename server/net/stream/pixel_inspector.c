@@ -132,8 +132,7 @@ bool server_take_inspection(struct server *s, struct server_inspection *out)
     const bool any = p->waiting_count > 0;
     if (any) {
         *out = p->waiting[0];
-        p->waiting_count--;
-        memmove(p->waiting, p->waiting + 1, p->waiting_count * sizeof(p->waiting[0]));
+        drop_first(p->waiting, &p->waiting_count, sizeof(p->waiting[0]));
     }
     pthread_mutex_unlock(&s->lock);
     return any;
@@ -151,8 +150,7 @@ void server_answer_inspection(struct server *s, const struct server_inspection *
     char *old = NULL;
     if (p->answer_count == INSPECTIONS_ANSWERS) {
         old = p->answers[0].text;
-        p->answer_count--;
-        memmove(p->answers, p->answers + 1, p->answer_count * sizeof(p->answers[0]));
+        drop_first(p->answers, &p->answer_count, sizeof(p->answers[0]));
     }
     p->answers[p->answer_count++] = a;
     pthread_mutex_unlock(&s->lock);
@@ -198,9 +196,7 @@ void inspections_send(struct server *s)
     s->inspections.answer_count = 0;
     pthread_mutex_unlock(&s->lock);
     for (unsigned i = 0; i < count; i++) {
-        struct websocket *ws = s->websockets;
-        while (ws && ws->id != answers[i].by)
-            ws = ws->next;
+        struct websocket *ws = websocket_of(s, answers[i].by);
         if (!ws) {
             message_free(answers[i].text);
             continue;

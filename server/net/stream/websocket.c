@@ -54,6 +54,15 @@ bool websocket_has_room(struct websocket *ws)
     return false;
 }
 
+struct websocket *websocket_of(const struct server *s, uint64_t id)
+{
+    struct websocket *ws = s->websockets;
+
+    while (ws && ws->id != id)
+        ws = ws->next;
+    return ws;
+}
+
 void websocket_limit_unsent(struct lws *wsi)
 {
     const int unsent = STREAM_UNSENT;

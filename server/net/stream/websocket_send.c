@@ -202,8 +202,7 @@ static int send_outbox(struct websocket *ws)
 {
     char *text = ws->outbox[0];
 
-    ws->outbox_count--;
-    memmove(ws->outbox, ws->outbox + 1, ws->outbox_count * sizeof(ws->outbox[0]));
+    drop_first(ws->outbox, &ws->outbox_count, sizeof(ws->outbox[0]));
     return send_made(ws, text);
 }
 

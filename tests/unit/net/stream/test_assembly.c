@@ -1,9 +1,9 @@
 /* PROTOCOL.md section 7, without a network: frames from pieces of every size, and cut at every byte. */
 #include "support/unit.h"
 
+#include "base/half.h"
 #include "base/mem.h"
 #include "net/stream/assembly.h"
-#include "net/stream/texels.h"
 
 #include <math.h>
 
@@ -169,7 +169,7 @@ static void every_half_float_is_exact(void **state)
     (void)state;
     for (uint32_t bits = 0; bits < 65536; bits++) {
         const int sign = bits >> 15 ? -1 : 1, exponent = (int)(bits >> 10 & 31), mantissa = (int)(bits & 1023);
-        const float got = texels_half((uint16_t)bits);
+        const float got = half_widen((uint16_t)bits);
         if (exponent == 31 && mantissa) {
             assert_true(isnan(got));
             continue;
