@@ -225,6 +225,8 @@ static bool build_row(struct build *b, struct scratch *s, uint32_t in_band, uint
             s->leaves[0] = s->centres[(size_t)in_band * width + x];
             n = 1;
         }
+        const double turn = 0.75487766624669276 * x + 0.56984029099805327 * y; /* powers of the plastic number */
+        leaves_thin(s->leaves, turn - floor(turn), &n);
         for (uint32_t i = 0; i < n; i++) {
             if (!add_leaf(r, &s->leaves[i], x, y))
                 return false;

@@ -181,3 +181,24 @@ void leaves_merge(const struct sight *s, struct leaf *leaves, struct leaf_link *
         leaves[k] = merge_cluster(s, leaves, links, links[k].seed);
     *count = clusters;
 }
+
+void leaves_thin(struct leaf *leaves, double start, uint32_t *count)
+{
+    double sum = start * LEAF_LEAST;
+    uint32_t kept = 0;
+
+    for (uint32_t i = 0; i < *count; i++) {
+        struct leaf l = leaves[i];
+        const double weight = total(&l) / 3.0;
+        if (!l.missed && weight < LEAF_LEAST) {
+            sum += weight;
+            if (sum < LEAF_LEAST)
+                continue;
+            sum -= LEAF_LEAST;
+            for (int k = 0; k < 3; k++)
+                l.weight[k] *= (float)(LEAF_LEAST / weight);
+        }
+        leaves[kept++] = l;
+    }
+    *count = kept;
+}

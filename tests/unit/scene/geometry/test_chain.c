@@ -2,9 +2,10 @@
 #include "scene/geometry/files.h"
 #include "scene/geometry/load.h"
 
-#include "scene/geometry/gbuffer.h"
+#include "scene/geometry/gbuffer_build.h"
 
 #include <math.h>
+#include <string.h>
 
 /* A long lens: all rays of the image run along -z within 1e-3. */
 static const struct camera tele = { "tele", { 0, 0, 9 }, { 0, 0, 0 }, { 0, 1, 0 }, 1e-3f };
@@ -438,7 +439,47 @@ static void widths_are_finite_and_positive(void **state)
         }
 }
 
+/* Over even starts each leaf has its own weight in the mean, in each channel, and each pixel's sum is right within
+ * LEAF_LEAST; heavy points and escapes stay. A weight that stayed as it was would be off by up to 1 - weight / LEAF_LEAST. */
+static void small_points_stand_for_each_other(void **state)
+{
+    enum { LEAVES = 40, STARTS = 2000 };
+    struct leaf all[LEAVES] = { { .mesh = 0 } };
+    double mean[LEAVES][3] = { { 0.0 } }, sum = 0.0;
+    (void)state;
+
+    for (uint32_t i = 0; i < LEAVES; i++) {
+        const float weight = (float)LEAF_LEAST * (i % 10 == 0 ? 3.0f : 0.9f / (float)(1 + i % 7));
+        all[i].mesh = i;
+        all[i].missed = i % 11 == 5;
+        for (int c = 0; c < 3; c++)
+            all[i].weight[c] = weight * (0.5f + 0.5f * (float)c);
+        sum += (double)weight;
+    }
+    for (int k = 0; k < STARTS; k++) {
+        struct leaf kept[LEAVES];
+        uint32_t count = LEAVES;
+        double one = 0.0;
+        memcpy(kept, all, sizeof(kept));
+        leaves_thin(kept, (k + 0.5) / STARTS, &count);
+        assert_true(count < LEAVES);
+        for (uint32_t i = 0; i < count; i++) {
+            const struct leaf *from = &all[kept[i].mesh];
+            for (int c = 0; c < 3; c++)
+                mean[kept[i].mesh][c] += (double)kept[i].weight[c] / STARTS;
+            one += (double)(kept[i].weight[0] + kept[i].weight[1] + kept[i].weight[2]) / 3.0;
+            if (from->missed || (double)from->weight[1] >= LEAF_LEAST)
+                assert_memory_equal(&kept[i], from, sizeof(*from));
+        }
+        assert_true(fabs(one - sum) < LEAF_LEAST * 1.0001);
+    }
+    for (uint32_t i = 0; i < LEAVES; i++)
+        for (int c = 0; c < 3; c++)
+            assert_float_equal(mean[i][c], all[i].weight[c], 1e-3 * LEAF_LEAST);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(small_points_stand_for_each_other),
     cmocka_unit_test(mirror_shows_what_it_reflects),
     cmocka_unit_test(slab_of_glass_reflects_and_passes_what_fresnel_says),
     cmocka_unit_test(tinted_glass_dims_what_passes_its_sides),
