@@ -59,6 +59,7 @@ struct light_tracer_stats {
     uint64_t splats;
 };
 
+/* Adds the counts of another run. */
 void light_tracer_stats_add(struct light_tracer_stats *to, const struct light_tracer_stats *more);
 
 /* Scene and rays must outlive the object; the view is copied. Memory: 24 bytes per pixel, 48 with a ground, and about

@@ -97,11 +97,12 @@ struct leaf_link {
  * cluster's variance). links: scratch memory for count of them. */
 void leaves_merge(const struct sight *s, struct leaf *leaves, struct leaf_link *links, uint32_t *count);
 
+#define LEAF_LEAST (1.0 / 256.0) /* of a pixel: a code of 8 bits */
+
 /* Points that bring less than LEAF_LEAST of a pixel stand for each other, by systematic sampling [Cochran 1977, chapter
- * 8]: each is kept with the probability weight / LEAF_LEAST, and has the weight LEAF_LEAST then. The pixel's expected value
- * stays, and the sum of its weights changes by less than LEAF_LEAST, a code of 8 bits. Escapes stay. start: 0..1, evenly
+ * 8]: each is kept with the probability weight / LEAF_LEAST, and has the weight LEAF_LEAST then. The pixel's expected
+ * value stays, and the sum of its weights changes by less than LEAF_LEAST. Escapes stay. start: 0..1, evenly
  * distributed over pixels. */
-#define LEAF_LEAST (1.0 / 256.0)
 void leaves_thin(struct leaf *leaves, double start, uint32_t *count);
 
 /* A shading point before it is packed. */

@@ -72,6 +72,7 @@ static void a_denoised_image_has_no_specks(void **state)
     struct relight_stats stats;
     (void)state;
 
+    s.set->facts.behind = 0; /* no eye paths behind glass, which find the sun by chance */
     for (int k = 0; k < 2; k++) {
         light.denoise = k == 1;
         assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);

@@ -291,7 +291,7 @@ static void shared_ring_adds_up_through_glass_and_gold(void **state)
                 sum[c] += (double)g->entries[k].weight[c];
             for (uint32_t k = g->miss_first[i]; k < g->miss_first[i + 1]; k++)
                 sum[c] += (double)g->misses[k].weight[c];
-            assert_true(sum[c] <= 1.0 + 1e-5);
+            assert_true(sum[c] <= 1.0 + 3.0 * LEAF_LEAST); /* in one channel, where the mean of all keeps within one */
         }
         red += sum[0];
         blue += sum[2];
@@ -440,7 +440,8 @@ static void widths_are_finite_and_positive(void **state)
 }
 
 /* Over even starts each leaf has its own weight in the mean, in each channel, and each pixel's sum is right within
- * LEAF_LEAST; heavy points and escapes stay. A weight that stayed as it was would be off by up to 1 - weight / LEAF_LEAST. */
+ * LEAF_LEAST; heavy points and escapes stay. A weight that stayed as it was would be off by up to
+ * 1 - weight / LEAF_LEAST. */
 static void small_points_stand_for_each_other(void **state)
 {
     enum { LEAVES = 40, STARTS = 2000 };
