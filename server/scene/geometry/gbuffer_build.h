@@ -99,10 +99,10 @@ void leaves_merge(const struct sight *s, struct leaf *leaves, struct leaf_link *
 
 #define LEAF_LEAST (1.0 / 256.0) /* of a pixel: a code of 8 bits */
 
-/* Points that bring less than LEAF_LEAST of a pixel stand for each other, by systematic sampling [Cochran 1977, chapter
- * 8]: each is kept with the probability weight / LEAF_LEAST, and has the weight LEAF_LEAST then. The pixel's expected
- * value stays, and the sum of its weights changes by less than LEAF_LEAST. Escapes stay. start: 0..1, evenly
- * distributed over pixels. */
+/* Points behind mirrors and glass that bring less than LEAF_LEAST of a pixel stand for each other, by systematic
+ * sampling [Cochran 1977, chapter 8]: each is kept with the probability weight / LEAF_LEAST, and has the weight
+ * LEAF_LEAST then. The pixel's expected value stays, and the sum of its weights changes by less than LEAF_LEAST. start:
+ * 0..1, evenly distributed over pixels. */
 void leaves_thin(struct leaf *leaves, double start, uint32_t *count);
 
 /* A shading point before it is packed. */

@@ -190,7 +190,7 @@ void leaves_thin(struct leaf *leaves, double start, uint32_t *count)
     for (uint32_t i = 0; i < *count; i++) {
         struct leaf l = leaves[i];
         const double weight = total(&l) / 3.0;
-        if (!l.missed && weight < LEAF_LEAST) {
+        if (!l.missed && l.bounces > 0 && weight < LEAF_LEAST) {
             sum += weight;
             if (sum < LEAF_LEAST)
                 continue;

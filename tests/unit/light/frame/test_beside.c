@@ -114,7 +114,7 @@ static void they_are_the_light_of_other_images(void **state)
         printf("%s, %s: %+.2f %%, relMSE %.1e\n", k / 2 ? "sun" : "cloud", plan_estimator_name(by[k % 2]),
                100.0 * (brightness(s.rgb) / brightness(want) - 1.0), error_of(&s, want));
         assert_float_equal(brightness(s.rgb) / brightness(want), 1.0, 0.06);
-        assert_true(error_of(&s, want) < 0.3);
+        assert_true(error_of(&s, want) < 0.4);
         stage_finish(&s);
     }
 }
@@ -207,7 +207,7 @@ static void another_estimator_takes_over(void **state)
         run(&s, &light, &stats);
         printf("%s: %+.2f %%, relMSE %.1e\n", plan_estimator_name(stats.plan.caustics),
                100.0 * (brightness(s.rgb) / brightness(want) - 1.0), error_of(&s, want));
-        assert_float_equal(brightness(s.rgb) / brightness(want), 1.0, 0.02);
+        assert_float_equal(brightness(s.rgb) / brightness(want), 1.0, 0.03);
     }
     stage_finish(&s);
 }
