@@ -10,8 +10,8 @@ double clock_seconds(void);      /* monotonic, seconds */
 double clock_boot_seconds(void); /* seconds since boot, suspend included */
 double clock_processor(void);    /* processor time of all threads of this process, seconds */
 
-#define CLOCK_WALL_MAX_US ((INT64_C(1) << 53) - 1) /* the largest time that PROTOCOL.md 1.5 allows: in the year 2255   \
-                                                    */
+/* The largest time that PROTOCOL.md 1.5 allows: in the year 2255. */
+#define CLOCK_WALL_MAX_US ((INT64_C(1) << 53) - 1)
 /* Microseconds since 1970-01-01 UTC, within plus or minus CLOCK_WALL_MAX_US; may step. */
 int64_t clock_wall_us(void);
 

@@ -85,7 +85,7 @@ static void dark_surfaces_need_no_indirect_light(void **state)
     assert_true(p.behind_caustics);
     assert_left_out(&p, 1, "indirect light: the surfaces are too dark for it to be seen");
 
-    w.indirect = PLAN_LIGHT; /* who asks for it by name gets it */
+    w.indirect = PLAN_LIGHT; /* a named estimator is used */
     assert_int_equal(planned(&f, &w).indirect, PLAN_LIGHT);
 }
 
@@ -166,7 +166,7 @@ static void what_is_stored_takes_caustics_unless_another_is_asked(void **state)
     }
     w.caustics = PLAN_LIGHT;
     assert_int_equal(planned_stored(&f, &w, true).caustics, PLAN_LIGHT);
-    w.caustics = PLAN_STORED; /* whoever asks for it by name gets it */
+    w.caustics = PLAN_STORED; /* a named estimator is used */
     assert_int_equal(planned(&f, &w).caustics, PLAN_STORED);
     w.classes = PATH_CAUSTICS;
     assert_int_equal(planned(&f, &w).indirect_caustics, PLAN_NONE);
