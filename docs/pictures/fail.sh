@@ -103,7 +103,7 @@ pair gloss '--method light' '--method auto' --scene "$work/gloss.json" --source 
     --samples 64
 pair small-sun '--method uniform' '--method auto' "${steps[@]}" --source "$work/sun.hdr" --paths direct --samples 64
 pair sun-down '--method light' '--method auto' "${steps[@]}" --source "$work/down.hdr" --paths direct --samples 64
-pair cells '--method faces --cells 8' '--method auto' "${steps[@]}" --source "$work/sun.hdr" --paths direct --samples 8
+pair cells '--method faces --tune cells=8' '--method auto' "${steps[@]}" --source "$work/sun.hdr" --paths direct --samples 8
 pair clipped "--source $work/clipped.hdr" "--source $work/whole.hdr" "${steps[@]}" --paths direct --samples 128
 pair caustic '--caustics eye --eye-paths 24' '--caustics auto --particles 700000' --scene "$work/ring.json" \
     --source sky:time=08:30 --samples 64

@@ -30,7 +30,7 @@ static void add_section(struct command *c, const char *section)
 
 void command_begin(struct command *c)
 {
-    c->flag_count = 0;
+    c->flag_count = c->tune_bytes = 0;
     for (size_t l = 0; l < COMMAND_LISTS && c->lists[l].rows; l++)
         for (const struct setting *s = c->lists[l].rows; !setting_ends(s); s++) {
             bool known = !s->name || !choice_has(s->programs, c->program);
@@ -93,17 +93,6 @@ bool command_given(const struct command *c, const char *name)
     return f->given != f->initial;
 }
 
-enum err command_give(struct command_flag *f, const char *text, struct reason *why)
-{
-    if (f->row->type == SETTING_TEXTS) {
-        if (f->texts.count == SETTING_TEXTS_MAX)
-            return err_say(why, ERR_USAGE, "--%s: given more than %d times", f->row->name, SETTING_TEXTS_MAX);
-        f->texts.text[f->texts.count++] = text;
-    }
-    f->given = text;
-    return ERR_OK;
-}
-
 bool command_flag_equals(const struct command_flag *a, const struct command_flag *b)
 {
     bool same = a->given == b->given || (a->given && b->given && strcmp(a->given, b->given) == 0);
@@ -145,16 +134,16 @@ static size_t distance(const char *a, size_t length, const char *b)
 }
 
 /* The flag whose name is nearest, if at most a third of it differs. */
-static const char *nearest(const struct command *c, const char *name, size_t length)
+static const struct setting *nearest(const struct command *c, const char *name, size_t length)
 {
     size_t least = length / 3 + 1;
-    const char *found = NULL;
+    const struct setting *found = NULL;
 
     for (size_t k = 0; k < c->flag_count; k++) {
         const size_t d = distance(name, length, c->flags[k].row->name);
         if (d < least && command_offers(c, c->flags[k].row)) {
             least = d;
-            found = c->flags[k].row->name;
+            found = c->flags[k].row;
         }
     }
     return found;
@@ -162,12 +151,73 @@ static const char *nearest(const struct command *c, const char *name, size_t len
 
 static enum err unknown_flag(const struct command *c, const char *given, size_t length, struct reason *why)
 {
-    const char *near = nearest(c, given + 2, length);
+    const struct setting *near = nearest(c, given + 2, length);
 
     if (near)
-        return err_say(why, ERR_USAGE, "unknown flag '%.*s': did you mean --%s? (see %s --help)", (int)length + 2,
-                       given, near, c->name);
-    return err_say(why, ERR_USAGE, "unknown flag '%s' (see %s --help)", given, c->name);
+        return err_say(why, ERR_USAGE, "unknown flag '%.*s': did you mean %s%s? (see %s --help all)", (int)length + 2,
+                       given, setting_prefix(near), near->name, c->name);
+    return err_say(why, ERR_USAGE, "unknown flag '%s' (see %s --help all)", given, c->name);
+}
+
+/* value: NULL without one. */
+static enum err take_value(struct command *c, struct command_flag *f, const char *value, struct reason *why)
+{
+    const struct setting *s = f->row;
+    const bool adds = s->type == SETTING_TEXTS || s->type == SETTING_KEYS;
+
+    if (adds && !f->seen) /* the command line replaces a configuration file's */
+        f->texts.count = 0;
+    if (s->unit && f->seen && !adds && !c->quiet)
+        log_warning("%s%s is given more than once: the last one counts", setting_prefix(s), s->name);
+    f->seen = true;
+    if (!s->unit && value)
+        return err_say(why, ERR_USAGE, "%s%s takes no value", setting_prefix(s), s->name);
+    if (s->unit && !value)
+        return err_say(why, ERR_USAGE, "%s%s needs a value: %s", setting_prefix(s), s->name, s->unit);
+    return command_give(c, f, s->unit ? value : "1", why);
+}
+
+static enum err unknown_key(const struct command *c, const char *key, size_t length, struct reason *why)
+{
+    char keys[240] = "";
+
+    for (size_t k = 0, used = 0; k < c->flag_count; k++, used = strlen(keys))
+        if (c->flags[k].row->level == SETTING_TUNE)
+            snprintf(keys + used, sizeof(keys) - used, "%s%s", used ? ", " : "", c->flags[k].row->name);
+    return err_say(why, ERR_USAGE, "--tune has no key '%.*s'; it has %s", (int)length, key, keys);
+}
+
+/* KEY=VALUE,... or, of switches, KEY. */
+static enum err take_keys(struct command *c, const char *text, struct reason *why)
+{
+    enum err e = ERR_OK;
+
+    for (const char *at = text; at && !e; at = strchr(at, ',') ? strchr(at, ',') + 1 : NULL) {
+        const size_t length = strcspn(at, ","), name = strcspn(at, "=,"), room = sizeof(c->tune) - c->tune_bytes;
+        struct command_flag *f = find(c, at, name);
+        char *value = name < length ? c->tune + c->tune_bytes : NULL;
+        if (!f || f->row->level != SETTING_TUNE)
+            return unknown_key(c, at, name, why);
+        if (value && length - name > room)
+            return err_say(why, ERR_USAGE, "--tune: more than %d bytes of values", COMMAND_TUNE_BYTES);
+        if (value)
+            c->tune_bytes += (size_t)snprintf(value, room, "%.*s", (int)(length - name - 1), at + name + 1) + 1;
+        e = take_value(c, f, value, why);
+    }
+    return e;
+}
+
+enum err command_give(struct command *c, struct command_flag *f, const char *text, struct reason *why)
+{
+    if (f->row->type == SETTING_KEYS)
+        return take_keys(c, text, why);
+    if (f->row->type == SETTING_TEXTS) {
+        if (f->texts.count == SETTING_TEXTS_MAX)
+            return err_say(why, ERR_USAGE, "--%s: given more than %d times", f->row->name, SETTING_TEXTS_MAX);
+        f->texts.text[f->texts.count++] = text;
+    }
+    f->given = text;
+    return ERR_OK;
 }
 
 /* Parses one flag and its value, given as --name=value or as the next argument. */
@@ -180,41 +230,43 @@ static enum err take_flag(struct command *c, int argc, char **argv, int *i, stru
 
     if (!f)
         return unknown_flag(c, argv[*i], length, why);
-    const bool adds = f->row->type == SETTING_TEXTS;
-    if (adds && !f->seen) /* the command line replaces a configuration file's */
-        f->texts.count = 0;
-    if (f->row->unit && f->seen && !adds && !c->quiet)
-        log_warning("--%s is given more than once: the last one counts", f->row->name);
-    f->seen = true;
-    if (!f->row->unit && equals)
-        return err_say(why, ERR_USAGE, "--%s takes no value", f->row->name);
-    if (f->row->unit && !equals && *i + 1 == argc)
-        return err_say(why, ERR_USAGE, "--%s needs a value: %s", f->row->name, f->row->unit);
-    return command_give(f, !f->row->unit ? "1" : equals ? equals + 1 : argv[++*i], why);
+    const char *value = equals ? equals + 1 : f->row->unit && *i + 1 < argc ? argv[++*i] : NULL;
+    if (f->row->level == SETTING_TUNE && !c->quiet)
+        log_warning("--%s is spelt --tune %s%s%s now", f->row->name, f->row->name, value ? "=" : "",
+                    value ? value : "");
+    if (f->row->type == SETTING_KEYS && value && strcmp(value, "help") == 0) {
+        f->given = value; /* for print_words */
+        return ERR_OK;
+    }
+    return take_value(c, f, value, why);
 }
 
-static bool print_choices(const struct command *c)
+/* Answers `--FLAG help`. */
+static bool print_words(const struct command *c)
 {
     for (size_t k = 0; k < c->flag_count; k++) {
-        const struct command_flag *f = &c->flags[k];
-        if (f->row->type != SETTING_CHOICE || !f->given || strcmp(f->given, "help") != 0)
+        const struct setting *s = c->flags[k].row;
+        const bool keys = s->type == SETTING_KEYS;
+        if ((s->type != SETTING_CHOICE && !keys) || !c->flags[k].given || strcmp(c->flags[k].given, "help") != 0)
             continue;
-        printf("--%s %s, %s:\n", f->row->name, f->row->unit, f->row->help);
-        for (const struct setting_choice *x = f->row->choices; x->name; x++)
+        printf("%s%s %s, %s:\n", setting_prefix(s), s->name, s->unit, s->help);
+        for (const struct setting_choice *x = s->choices; x && x->name; x++)
             if (choice_has(x->programs, c->program))
                 printf("  %-16s %s\n", x->name, x->about ? x->about : "");
+        if (keys)
+            command_print_keys(c);
         return true;
     }
     return false;
 }
 
-/* A flag that prints something and ends the program. */
-static bool print_asked(const struct command *c, const char *flag)
+/* A flag that prints something and ends the program; next: the argument behind it, or NULL. */
+static bool print_asked(const struct command *c, const char *flag, const char *next)
 {
     static const char completion[] = "--print-completion-";
 
     if (strcmp(flag, "--help") == 0 || strcmp(flag, "-h") == 0)
-        command_print_help(c);
+        command_print_help(c, next && strcmp(next, "all") == 0);
     else if (strcmp(flag, "--version") == 0)
         printf("%s %s\n", c->name, RELIGHT_VERSION);
     else if (strcmp(flag, "--print-manual") == 0)
@@ -234,7 +286,7 @@ enum err command_parse(struct command *c, int argc, char **argv, bool *done, str
     for (size_t k = 0; k < c->flag_count; k++)
         c->flags[k].seen = false;
     for (int i = 1; i < argc && !e; i++) {
-        *done = print_asked(c, argv[i]);
+        *done = print_asked(c, argv[i], i + 1 < argc ? argv[i + 1] : NULL);
         if (*done)
             return ERR_OK;
         if (strncmp(argv[i], "--", 2) == 0 && argv[i][2])
@@ -244,7 +296,7 @@ enum err command_parse(struct command *c, int argc, char **argv, bool *done, str
         else
             e = err_say(why, ERR_USAGE, "unexpected argument '%s' (see %s --help)", argv[i], c->name);
     }
-    *done = !e && print_choices(c);
+    *done = !e && print_words(c);
     return e;
 }
 
@@ -258,10 +310,10 @@ static enum err read_whole(const struct setting *s, const char *text, void *valu
     errno = 0;
     const unsigned long long v = strtoull(text, &end, 10);
     if (errno || !isdigit((unsigned char)text[0]) || *end || v < least || v > most)
-        return err_say(why, ERR_USAGE, "--%s '%s' is not a whole number from %" PRIu64 " to %" PRIu64, s->name, text,
-                       least, most);
+        return err_say(why, ERR_USAGE, "%s%s '%s' is not a whole number from %" PRIu64 " to %" PRIu64,
+                       setting_prefix(s), s->name, text, least, most);
     if (s->type == SETTING_POWER && (v & (v - 1)))
-        return err_say(why, ERR_USAGE, "--%s '%s' is not a power of two", s->name, text);
+        return err_say(why, ERR_USAGE, "%s%s '%s' is not a power of two", setting_prefix(s), s->name, text);
     setting_store_whole(s, values, s->scale > 0.0 ? v * (uint64_t)s->scale : v);
     return ERR_OK;
 }
@@ -279,8 +331,8 @@ static enum err read_real(const struct setting *s, unsigned program, const char 
     if (s->choices)
         choice_list(s->choices, program, words, sizeof(words));
     if (end == text || *end || !isfinite(v) || v < s->least || v > s->most)
-        return err_say(why, ERR_USAGE, "--%s '%s' is not a number from %g to %g%s%s", s->name, text, s->least, s->most,
-                       words[0] ? ", " : "", words);
+        return err_say(why, ERR_USAGE, "%s%s '%s' is not a number from %g to %g%s%s", setting_prefix(s), s->name, text,
+                       s->least, s->most, words[0] ? ", " : "", words);
     setting_store_real(s, values, s->scale > 0.0 ? v * s->scale : v);
     return ERR_OK;
 }
@@ -291,7 +343,7 @@ static enum err read_choice(const struct setting *s, unsigned program, const cha
     char flag[40];
     int v = 0;
 
-    snprintf(flag, sizeof(flag), "--%s", s->name);
+    snprintf(flag, sizeof(flag), "%s%s", setting_prefix(s), s->name);
     const enum err e = choice_parse(s->choices, program, flag, text, &v, why);
     if (!e)
         setting_store_whole(s, values, (uint64_t)(unsigned)v);
@@ -322,7 +374,7 @@ static enum err read_frames(const struct setting *s, const char *text, struct se
         good = take_digits(&at, &b);
     }
     if (!good || *at || a > b)
-        return err_say(why, ERR_USAGE, "--%s '%s' is not A-B with A <= B", s->name, text);
+        return err_say(why, ERR_USAGE, "%s%s '%s' is not A-B with A <= B", setting_prefix(s), s->name, text);
     *out = (struct setting_frames){ true, a, b };
     return ERR_OK;
 }
@@ -334,8 +386,8 @@ static enum err read_size(const struct setting *s, const char *text, uint32_t ou
 
     if (sscanf(text, "%5ux%5u%n", &w, &h, &used) != 2 || text[used] || w < 1 || h < 1 || w > SIZE_MAX_SIDE ||
         h > SIZE_MAX_SIDE)
-        return err_say(why, ERR_USAGE, "--%s '%s' is not WIDTHxHEIGHT with sides from 1 to %d", s->name, text,
-                       SIZE_MAX_SIDE);
+        return err_say(why, ERR_USAGE, "%s%s '%s' is not WIDTHxHEIGHT with sides from 1 to %d", setting_prefix(s),
+                       s->name, text, SIZE_MAX_SIDE);
     out[0] = w;
     out[1] = h;
     return ERR_OK;
@@ -350,7 +402,7 @@ static enum err read_flag(const struct command *c, const struct command_flag *f,
     if (s->size == 0 || (!f->given && !is_switch))
         return ERR_OK;
     if (s->type == SETTING_NAME && strlen(f->given) >= s->size)
-        return err_say(why, ERR_USAGE, "--%s: longer than %u bytes", s->name, s->size - 1);
+        return err_say(why, ERR_USAGE, "%s%s: longer than %u bytes", setting_prefix(s), s->name, s->size - 1);
     switch (s->type) {
     case SETTING_SWITCH:
     case SETTING_SWITCH_OFF: setting_store_whole(s, values, (f->given != NULL) == (s->type == SETTING_SWITCH)); break;
@@ -363,6 +415,7 @@ static enum err read_flag(const struct command *c, const struct command_flag *f,
     case SETTING_NAME: strcpy(at, f->given); break;
     case SETTING_TEXTS: memcpy(at, &f->texts, sizeof(f->texts)); break;
     case SETTING_TEXT: memcpy(at, &f->given, sizeof(f->given)); break;
+    case SETTING_KEYS: break;
     }
     return ERR_OK;
 }

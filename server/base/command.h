@@ -7,6 +7,7 @@
 #define COMMAND_LISTS 2
 #define COMMAND_FLAGS 96
 #define COMMAND_OPERANDS 8
+#define COMMAND_TUNE_BYTES 1024
 
 struct command_flag {
     const struct setting *row;
@@ -33,14 +34,16 @@ struct command {
     size_t flag_count;
     const char *operands[COMMAND_OPERANDS]; /* out: arguments that are not flags, in order */
     size_t operand_count;
+    char tune[COMMAND_TUNE_BYTES]; /* values of keys of --tune, one after the other */
+    size_t tune_bytes;
 };
 
 /* Puts all flags at their defaults. c must not be moved afterwards. */
 void command_begin(struct command *c);
 
-/* Gives the flag a value as text: adds it to those of SETTING_TEXTS, else replaces the one before. ERR_USAGE: too many.
- * text must outlive the command. */
-MUST_CHECK enum err command_give(struct command_flag *f, const char *text, struct reason *why);
+/* Gives the flag a value as text: adds it to those of SETTING_TEXTS, gives it to the keys that SETTING_KEYS names, else
+ * replaces the one before. ERR_USAGE: too many, or no such key. text must outlive the command. */
+MUST_CHECK enum err command_give(struct command *c, struct command_flag *f, const char *text, struct reason *why);
 
 /* Whether both flags, of one row, have the same values. */
 bool command_flag_equals(const struct command_flag *a, const struct command_flag *b);
@@ -48,9 +51,9 @@ bool command_flag_equals(const struct command_flag *a, const struct command_flag
 /* Another default of a flag, static, for this program. Between command_begin and command_parse. */
 void command_default(struct command *c, const char *name, const char *initial);
 
-/* Parses argv. --help, --version and `--FLAG help` of a flag with choices print to stdout and set *done; the program
- * then exits with 0. So do --print-manual and --print-completion-SHELL, which the build uses to generate man pages and
- * completions and which --help omits. ERR_USAGE names the offending argument. Values point into argv. */
+/* Parses argv. --help [all], --version and `--FLAG help` of a flag with choices or keys print to stdout and set *done;
+ * the program then exits with 0. So do --print-manual and --print-completion-SHELL, which the build uses to generate
+ * man pages and completions and which --help omits. ERR_USAGE names the offending argument. Values point into argv. */
 MUST_CHECK enum err command_parse(struct command *c, int argc, char **argv, bool *done, struct reason *why);
 
 /* Stores the values of all flags that have one into the lists' structs; others are left as they are. ERR_USAGE names
@@ -70,8 +73,9 @@ bool command_offers(const struct command *c, const struct setting *row);
 const char *command_also(const struct command *c, const struct setting *row); /* the end of its help, or "" */
 
 /* command_print.c: to stdout. */
-void command_print_help(const struct command *c);
-void command_print_manual(const struct command *c); /* a man(1) page */
+void command_print_help(const struct command *c, bool all); /* all: not only SETTING_COMMON */
+void command_print_keys(const struct command *c);           /* those of --tune */
+void command_print_manual(const struct command *c);         /* a man(1) page */
 
 /* command_complete.c: to stdout. shell: bash, zsh or fish; false: another one. */
 bool command_print_completion(const struct command *c, const char *shell);

@@ -11,16 +11,25 @@ static enum kind kind_of(const struct setting *s)
 {
     if (!s->unit)
         return NOTHING;
-    if (s->type == SETTING_CHOICE && s->choices)
+    if ((s->type == SETTING_CHOICE && s->choices) || s->type == SETTING_KEYS)
         return WORDS;
     return strcmp(s->unit, "FILE") == 0 ? FILES : strcmp(s->unit, "DIR") == 0 ? FOLDERS : ANY;
 }
 
+/* Keys of --tune, old names of which count as flags, are offered there alone. */
+static bool is_offered(const struct command *c, const struct setting *s)
+{
+    return command_offers(c, s) && s->level != SETTING_TUNE;
+}
+
 static void put_words(const struct command *c, const struct setting *s)
 {
-    for (const struct setting_choice *x = s->choices; x->name; x++)
+    for (const struct setting_choice *x = s->choices; x && x->name; x++)
         if (choice_has(x->programs, c->program))
             printf("%s ", x->name);
+    for (size_t k = 0; k < c->flag_count && s->type == SETTING_KEYS; k++)
+        if (c->flags[k].row->level == SETTING_TUNE)
+            printf("%s%s ", c->flags[k].row->name, c->flags[k].row->unit ? "=" : "");
     printf("help");
 }
 
@@ -51,7 +60,7 @@ static void put_case(const struct command *c, enum kind kind, const char *action
     size_t count = 0;
 
     for (size_t k = 0; k < c->flag_count; k++)
-        if (kind_of(c->flags[k].row) == kind && command_offers(c, c->flags[k].row))
+        if (kind_of(c->flags[k].row) == kind && is_offered(c, c->flags[k].row))
             printf("%s--%s", count++ ? "|" : "    ", c->flags[k].row->name);
     if (count)
         printf(") %s; return ;;\n", action);
@@ -72,15 +81,16 @@ static void print_bash(const struct command *c)
     put_case(c, FOLDERS, "compopt -o filenames; mapfile -t COMPREPLY < <(compgen -d -- \"$cur\")");
     put_case(c, ANY, "compopt -o default");
     for (size_t k = 0; k < c->flag_count; k++) {
-        if (kind_of(c->flags[k].row) != WORDS || !command_offers(c, c->flags[k].row))
+        if (kind_of(c->flags[k].row) != WORDS || !is_offered(c, c->flags[k].row))
             continue;
-        printf("    --%s) mapfile -t COMPREPLY < <(compgen -W '", c->flags[k].row->name);
+        printf("    --%s) %smapfile -t COMPREPLY < <(compgen -W '", c->flags[k].row->name,
+               c->flags[k].row->type == SETTING_KEYS ? "compopt -o nospace; " : "");
         put_words(c, c->flags[k].row);
         printf("' -- \"$cur\"); return ;;\n");
     }
     printf("    esac\n    if [[ $cur == -* ]]; then\n        mapfile -t COMPREPLY < <(compgen -W '");
     for (size_t k = 0; k < c->flag_count; k++)
-        if (command_offers(c, c->flags[k].row))
+        if (is_offered(c, c->flags[k].row))
             printf(" --%s", c->flags[k].row->name);
     printf(" --help --version' -- \"$cur\")\n");
     if (c->operand_max > 0)
@@ -96,9 +106,10 @@ static void print_zsh(const struct command *c)
     for (size_t k = 0; k < c->flag_count; k++) {
         const struct setting *s = c->flags[k].row;
         const enum kind kind = kind_of(s);
-        if (!command_offers(c, s))
+        if (!is_offered(c, s))
             continue;
-        printf("    '%s--%s%s[", s->type == SETTING_TEXTS ? "*" : "", s->name, kind == NOTHING ? "" : "=");
+        printf("    '%s--%s%s[", s->type == SETTING_TEXTS || s->type == SETTING_KEYS ? "*" : "", s->name,
+               kind == NOTHING ? "" : "=");
         put_help(c, s, "[]\\");
         printf("]");
         if (kind != NOTHING) {
@@ -125,7 +136,7 @@ static void print_fish(const struct command *c)
         printf("complete -c %s -f\n", c->name);
     for (size_t k = 0; k < c->flag_count; k++) {
         const struct setting *s = c->flags[k].row;
-        if (!command_offers(c, s))
+        if (!is_offered(c, s))
             continue;
         printf("complete -c %s -l %s -d '", c->name, s->name);
         put_help(c, s, "\\");

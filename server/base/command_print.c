@@ -65,13 +65,18 @@ static void put_summary(const char *about)
     put_roff(text);
 }
 
-/* A section's heading goes before its first flag. */
-static const char *heading(const struct command *c, size_t k)
+static bool is_shown(const struct command *c, size_t k, bool all)
+{
+    return command_offers(c, c->flags[k].row) && (all || c->flags[k].row->level == SETTING_COMMON);
+}
+
+/* A section's heading goes before its first flag that is shown. */
+static const char *heading(const struct command *c, size_t k, bool all)
 {
     const char *section = c->flags[k].row->section;
 
     while (k > 0 && strcmp(c->flags[k - 1].row->section, section) == 0)
-        if (command_offers(c, c->flags[--k].row))
+        if (is_shown(c, --k, all))
             return NULL;
     return section;
 }
@@ -95,21 +100,41 @@ static void put_plain(const char *text)
     fputs(text, stdout);
 }
 
-void command_print_help(const struct command *c)
+/* "--size WxH", or "cells=K" for a key of --tune. */
+static void put_flag(const struct command *c, const struct command_flag *f)
+{
+    const struct setting *s = f->row;
+    const bool is_key = s->level == SETTING_TUNE;
+    char left[40];
+
+    snprintf(left, sizeof(left), "%s%s%s%s", is_key ? "" : "--", s->name,
+             !s->unit ? ""
+             : is_key ? "="
+                      : " ",
+             s->unit ? s->unit : "");
+    printf("  %-26s ", left);
+    describe(c, f, put_plain);
+}
+
+void command_print_keys(const struct command *c)
+{
+    for (size_t k = 0; k < c->flag_count; k++)
+        if (c->flags[k].row->level == SETTING_TUNE)
+            put_flag(c, &c->flags[k]);
+}
+
+void command_print_help(const struct command *c, bool all)
 {
     printf("usage: %s %s\n\n%s\n", c->name, c->synopsis, c->about);
     for (size_t k = 0; k < c->flag_count; k++) {
-        const struct setting *s = c->flags[k].row;
-        char left[40];
-        if (!command_offers(c, s))
+        if (!is_shown(c, k, all))
             continue;
-        if (heading(c, k))
-            printf("\n%s\n", heading(c, k));
-        snprintf(left, sizeof(left), "--%s%s%s", s->name, s->unit ? " " : "", s->unit ? s->unit : "");
-        printf("  %-26s ", left);
-        describe(c, &c->flags[k], put_plain);
+        if (heading(c, k, all))
+            printf("\n%s\n", heading(c, k, all));
+        put_flag(c, &c->flags[k]);
     }
-    printf("  %-26s %s\n  %-26s %s\n", "--help", "print this help and exit", "--version", "print the version and exit");
+    printf("\n  %-26s print the common flags, or all, and exit\n  %-26s print the version and exit\n", "--help [all]",
+           "--version");
     if (c->epilogue)
         printf("\n%s\n%s", c->epilogue_title, c->epilogue);
 }
@@ -118,18 +143,19 @@ static void put_manual_flags(const struct command *c)
 {
     for (size_t k = 0; k < c->flag_count; k++) {
         const struct setting *s = c->flags[k].row;
+        const bool is_key = s->level == SETTING_TUNE;
         if (!command_offers(c, s))
             continue;
-        if (heading(c, k)) {
+        if (heading(c, k, true)) {
             printf(".SS \"%c", toupper((unsigned char)s->section[0]));
             put_roff(s->section + 1);
             printf("\"\n");
         }
-        printf(".TP\n\\fB\\-\\-");
+        printf(".TP\n\\fB%s", is_key ? "" : "\\-\\-");
         put_roff(s->name);
         printf("\\fR");
         if (s->unit) {
-            printf(" \\fI");
+            printf("%s\\fI", is_key ? "=" : " ");
             put_roff(s->unit);
             printf("\\fR");
         }
@@ -155,7 +181,8 @@ void command_print_manual(const struct command *c)
     printf("\n.SH OPTIONS\nA value follows its flag after a space or an equals sign. Defaults are shown in "
            "brackets.\n");
     put_manual_flags(c);
-    printf(".SS \"All programs\"\n.TP\n\\fB\\-\\-help\\fR\nprint this help and exit\n.TP\n\\fB\\-\\-version\\fR\n"
+    printf(".SS \"All programs\"\n.TP\n\\fB\\-\\-help\\fR [all]\nprint the common flags, or all, and "
+           "exit\n.TP\n\\fB\\-\\-version\\fR\n"
            "print the version and exit\n");
     if (c->epilogue) {
         printf(".SH \"");

@@ -1,5 +1,6 @@
 #include "base/config.h"
 
+#include "base/log.h"
 #include "base/mem.h"
 
 #include <errno.h>
@@ -183,8 +184,8 @@ const char *config_key(const struct config *c, size_t index)
 }
 
 /* An array of strings, each as one flag on a command line. */
-static enum err apply_list(const struct config *c, const struct entry *entry, struct command_flag *f,
-                           struct reason *why)
+static enum err apply_list(const struct config *c, const struct entry *entry, struct command *to,
+                           struct command_flag *f, struct reason *why)
 {
     const json_t *value;
     size_t index;
@@ -195,7 +196,7 @@ static enum err apply_list(const struct config *c, const struct entry *entry, st
         if (!json_is_string(value))
             return err_say(why, ERR_USAGE, "%s:%u: %s: expected a string or an array of strings: %s", c->name,
                            entry->line, entry->key, f->row->unit);
-        e = command_give(f, json_string_value(value), why);
+        e = command_give(to, f, json_string_value(value), why);
         if (e)
             return err_say(why, e, "%s:%u: %s: more than %d", c->name, entry->line, entry->key, SETTING_TEXTS_MAX);
     }
@@ -209,6 +210,9 @@ enum err config_apply(const struct config *c, size_t index, struct command *to, 
 
     if (!f)
         return err_say(why, ERR_USAGE, "%s:%u: %s: %s has no such flag", c->name, e->line, e->key, to->name);
+    if (f->row->level == SETTING_TUNE && !to->quiet)
+        log_warning("%s:%u: %s is a key of tune now: \"tune\": \"%s%s\"", c->name, e->line, e->key, e->key,
+                    f->row->unit ? "=..." : "");
     if (!f->row->unit) {
         if (!json_is_boolean(e->value))
             return err_say(why, ERR_USAGE, "%s:%u: %s: is a switch; expected true or false", c->name, e->line, e->key);
@@ -216,11 +220,12 @@ enum err config_apply(const struct config *c, size_t index, struct command *to, 
         return ERR_OK;
     }
     if (f->row->type == SETTING_TEXTS && json_is_array(e->value))
-        return apply_list(c, e, f, why);
+        return apply_list(c, e, to, f, why);
     if (!json_is_string(e->value) && !json_is_number(e->value))
         return err_say(why, ERR_USAGE, "%s:%u: %s: expected a string or %s: %s", c->name, e->line, e->key,
                        f->row->type == SETTING_TEXTS ? "an array of strings" : "a number", f->row->unit);
-    return command_give(f, json_is_string(e->value) ? json_string_value(e->value) : e->text, why);
+    const enum err failed = command_give(to, f, json_is_string(e->value) ? json_string_value(e->value) : e->text, why);
+    return failed ? config_add_location(c, index, failed, why) : ERR_OK;
 }
 
 enum err config_add_location(const struct config *c, size_t index, enum err e, struct reason *why)
@@ -229,8 +234,9 @@ enum err config_add_location(const struct config *c, size_t index, enum err e, s
     const size_t length = strlen(entry->key);
     const struct reason cause = *why;
     const char *text = cause.text[0] ? cause.text : err_text(e);
+    const char *name = strncmp(text, "--tune ", 7) == 0 ? text + 7 : strncmp(text, "--", 2) == 0 ? text + 2 : text;
 
-    if (strncmp(text, "--", 2) == 0 && strncmp(text + 2, entry->key, length) == 0 && text[2 + length] == ' ')
-        text += 3 + length;
+    if (name > text && strncmp(name, entry->key, length) == 0 && name[length] == ' ')
+        text = name + length + 1;
     return err_say(why, e, "%s:%u: %s: %s", c->name, entry->line, entry->key, text);
 }

@@ -9,6 +9,11 @@ bool setting_ends(const struct setting *row)
     return !row->name && !row->key;
 }
 
+const char *setting_prefix(const struct setting *row)
+{
+    return row->level == SETTING_TUNE ? "--tune " : "--";
+}
+
 static const void *field(const struct setting *row, const void *values)
 {
     return (const char *)values + row->offset;

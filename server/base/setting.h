@@ -21,6 +21,7 @@ enum setting_type {
     SETTING_TEXTS,      /* struct setting_texts: the flag may be given several times; for flags alone */
     SETTING_SIZE,       /* uint32_t[2]: WxH in pixels */
     SETTING_FRAMES,     /* struct setting_frames: A-B */
+    SETTING_KEYS,       /* KEY=VALUE,...: values of the rows of SETTING_TUNE; stores nothing itself */
 };
 
 #define SETTING_TEXTS_MAX 8
@@ -56,15 +57,22 @@ enum setting_reload {                  /* what changes when a configuration file
                       RELOAD_SERVER, /* tokens, hosts and limits */
 };
 
+enum setting_level {
+    SETTING_COMMON, /* in --help */
+    SETTING_EXPERT, /* in --help all */
+    SETTING_TUNE,   /* likewise, as a key of --tune; as a flag it counts, too, with a warning */
+};
+
 struct setting {
     const char *name;    /* flag and key of the configuration; NULL: neither */
     const char *unit;    /* stands for the value in --help, such as "WxH"; NULL: a switch */
     const char *help;    /* one sentence; the names of choices are added */
     const char *initial; /* the default as text; NULL: none */
+    enum setting_level level;
     const char *section; /* heading in --help */
-    unsigned programs;   /* FOR_*; 0: all */
-    unsigned needs;      /* NEEDS_*: builds that lack one of them do not offer the flag, or, where there is `also`, */
-    const char *also;    /* this end of the help; NULL: none */
+    unsigned programs; /* FOR_*; 0: all */
+    unsigned needs;    /* NEEDS_*: builds that lack one of them do not offer the flag, or, where there is `also`, */
+    const char *also;  /* this end of the help; NULL: none */
 
     enum setting_type type;
     uint32_t offset, size;                /* of the field in the struct of values; size 0: the value is not stored */
@@ -92,6 +100,9 @@ struct setting_list {
 /* ---- One row ---- */
 
 bool setting_ends(const struct setting *row); /* the row that ends a table */
+
+/* The prefix of its name on a command line: "--", or "--tune ". */
+const char *setting_prefix(const struct setting *row);
 
 /* Copies the field from one struct to the other. */
 void setting_copy(const struct setting *row, void *to, const void *from);

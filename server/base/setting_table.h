@@ -16,3 +16,7 @@
 #define CHOICE(list) .type = SETTING_CHOICE, .choices = list
 #define TEXT .type = SETTING_TEXT
 #define TEXTS .type = SETTING_TEXTS
+
+/* The level of a row, before its section. */
+#define EXPERT .level = SETTING_EXPERT
+#define TUNE .level = SETTING_TUNE, .section = "Keys of --tune"

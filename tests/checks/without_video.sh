@@ -22,7 +22,8 @@ refused() { # PATTERN COMMAND...
 
 # What is refused is not offered, by --help, the manual or the completions.
 for program in "$relightd" "$render"; do
-    for text in --help --print-manual --print-completion-bash --print-completion-zsh --print-completion-fish; do
+    for text in '--help all' --print-manual --print-completion-bash --print-completion-zsh --print-completion-fish; do
+        # shellcheck disable=SC2086 # two words
         "$program" $text >"$work/said"
         if grep -iE 'h\.?264|video|mp4|rtsp|publish| pq' "$work/said"; then fail "$program $text offers it"; fi
     done

@@ -83,7 +83,7 @@ class Daemon:
 
 def flags():
     """Names of all flags, and whether they take a value."""
-    text = run("--help")[1]
+    text = run("--help", "all")[1]
     return {name: bool(value) for name, value in re.findall(r"^  --([a-z0-9-]+)( [^ ]+)?", text, re.M)}
 
 

@@ -75,7 +75,7 @@ it_depends_on_what_it_is_linked_with() {
         objdump -p "$root/usr/bin/$program" | sed -n "s|^ *NEEDED *|$program |p"
         grep -aoE 'lib(avcodec|avformat|avutil)[.]so[.][0-9]+' "$root/usr/bin/$program" | sed "s|^|$program |" || true
     done >"$work/needed"
-    grep -q '^relightd libavcodec' "$work/needed" || ! "$bin/relightd" --help | grep -q -e --no-h264 || fail "relightd loads no libavcodec"
+    grep -q '^relightd libavcodec' "$work/needed" || ! "$bin/relightd" --help all | grep -q -e --no-h264 || fail "relightd loads no libavcodec"
     while read -r program library; do
         package=$(sed -n "s|^\([^:]*\).*/$library\$|\1|p" "$work/owners" | sort -u)
         [ -n "$package" ] || fail "nobody owns $library"
@@ -129,7 +129,7 @@ the_manual_pages_say_what_help_says() {
         while read -r flag words; do
             grep -qF -- "${words:0:60}" "$work/page" || fail "$program.1 lacks '$words' of $flag"
             grep -qE -- " $flag " "$work/page" || fail "$program.1 lacks $flag"
-        done < <("$root/usr/bin/$program" --help | sed -nE 's/^  (--[a-z0-9-]+)( [^ ]+)?  *(.*)$/\1 \3/p' | tr -s ' ')
+        done < <("$root/usr/bin/$program" --help all | sed -nE 's/^  (--[a-z0-9-]+)( [^ ]+)?  *(.*)$/\1 \3/p' | tr -s ' ')
         whatis=$(sed -n 's/.* NAME \(.*\) SYNOPSIS .*/\1/p' "$work/page")
         [ "${#whatis}" -lt 160 ] && [[ $whatis == "$program - "* ]] || fail "whatis of $program: $whatis"
     done
@@ -158,7 +158,7 @@ not_completed() {
 bash_completes_flags_and_files_of_every_program() {
     local program missing flags
     for program in $programs; do
-        mapfile -t flags < <("$root/usr/bin/$program" --help | sed -nE 's/^  (--[a-z0-9-]+).*/\1/p')
+        mapfile -t flags < <("$root/usr/bin/$program" --help all | sed -nE 's/^  (--[a-z0-9-]+).*/\1/p')
         [ "${#flags[@]}" -gt 1 ] || fail "$program: no flags"
         missing=$(not_completed "$program" "${flags[@]}")
         [ -z "$missing" ] || fail "$program: not completed: $missing"

@@ -24,7 +24,7 @@ OBJ
         "models": [{"file": "floor.obj"}], "materials": {"floor": {"type": "lambert", "albedo": [0.5, 0.5, 0.5]}}}' \
         >"$work/floor.json"
     "$render" --scene "$work/floor.json" --source "epw:$work/x.epw,size=256x128$keys" --annual "$work/$folder" \
-        --sensors grid:floor,spacing=5,height=1 --size 32x18 --method mis --samples 64 --cells 4 --sun "$@" 2>"$work/stderr" ||
+        --sensors grid:floor,spacing=5,height=1 --size 32x18 --method mis --samples 64 --tune cells=4,sun "$@" 2>"$work/stderr" ||
         { cat "$work/stderr"; fail "relight-render --annual"; }
 }
 
@@ -75,7 +75,7 @@ a_killed_year_goes_on_where_it_ended() {
     for f in hours.csv illuminance.csv sensors.csv summary.json; do
         cmp "$work/whole/$f" "$work/broken/$f" || fail "$f differs after --resume"
     done
-    for other in days=03-22 'days=03-21 --no-visibility' 'days=03-21 --cells 2' 'days=03-21 --lamps 5'; do
+    for other in days=03-22 'days=03-21 --tune no-visibility' 'days=03-21 --tune cells=2' 'days=03-21 --lamps 5'; do
         # shellcheck disable=SC2086 # several words
         expect 2 'tables for another scene, weather, sensors or settings' "$render" --scene "$work/floor.json" \
             --source "epw:$work/x.epw,size=256x128,"${other} --annual "$work/broken" \

@@ -17,7 +17,7 @@ picture() {
 # Mirrored and stretched trees, whose trunks have normal maps, leaves masks and lamps emissive textures. Only points
 # that see another leaf by rounding get other random numbers; a picture of another seed has them everywhere.
 instances_look_as_copies_do() {
-    local flags=(--samples 32 --lamp-samples 16 --paths direct) error noise
+    local flags=(--samples 32 --tune lamp-samples=16 --paths direct) error noise
     /usr/bin/python3 -B "$forest" "$work/shared.glb" 12 4000
     /usr/bin/python3 -B "$forest" "$work/copied.glb" 12 4000 copies
     picture shared shared "${flags[@]}"
@@ -41,7 +41,7 @@ instances_take_no_memory_for_geometry() {
     peak=$(/usr/bin/python3 -c 'import resource, subprocess, sys
 subprocess.run(sys.argv[1:], check=True, stdout=2)
 print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss // 1024)' "$bin/relight-render" --scene "$work/many.glb" \
-        --source sky:time=10:00 --size 96x54 --samples 1 --lamp-samples 1 --paths direct --out "$work/many.exr" 2>"$work/log") ||
+        --source sky:time=10:00 --size 96x54 --samples 1 --tune lamp-samples=1 --paths direct --out "$work/many.exr" 2>"$work/log") ||
         fail "$(cat "$work/log")"
     echo "$peak MB at most"
     [ "$peak" -lt 300 ] || fail "$peak MB"

@@ -46,7 +46,7 @@ light_layers_add_up_to_the_picture() {
     need_oiiotool
     local options
     for options in '--samples 8' '--samples 8 --eye-paths 4 --denoise' '--method cached' '--method latlong --samples 4 --indirect light' \
-        '--samples 4 --eye-paths 4 --caustics stored --stored-paths 5000' '--samples 4 --eye-paths 4 --ground --half' \
+        '--samples 4 --eye-paths 4 --caustics stored --tune stored-paths=5000' '--samples 4 --eye-paths 4 --ground --half' \
         '--samples 4 --paths direct'; do
         # shellcheck disable=SC2086
         "$bin/relight-render" --scene "$ring" --source sky:time=09:00,size=256x128 --size 32x18 $options --out "$work/plain.exr"

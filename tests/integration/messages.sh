@@ -4,7 +4,7 @@
 small=(--size 16x9 --samples 1 --paths direct)
 
 a_flag_that_does_not_exist_suggests_the_nearest() {
-    expect 2 "unknown flag '--sampels': did you mean --samples\? \(see relight-render --help\)" "$bin/relight-render" --sampels 3
+    expect 2 "unknown flag '--sampels': did you mean --samples\? \(see relight-render --help all\)" "$bin/relight-render" --sampels 3
     expect 2 "unknown flag '--expsure': did you mean --exposure\?" "$bin/relight-render" --expsure=follow
     expect 2 "unknown flag '--tokn-viewer': did you mean --token-viewer\?" "$bin/relightd" --tokn-viewer x
     expect 2 "unknown flag '--form': did you mean --from\?" "$bin/relight-record" --form ws://x
@@ -20,8 +20,13 @@ flags_without_effect_are_reported() {
     expect 0 '--exposure has no effect: .exr' "${render[@]}" --exposure 2
     expect 0 '--quality has no effect: .exr' "${render[@]}" --quality 40
     expect 0 '--cache-file has no effect: only --method cached' "${render[@]}" --cache-file "$work/none"
-    expect 0 '--cells has no effect: only --method faces' "${render[@]}" --method brdf --cells 2
-    expect 0 '--lamp-samples has no effect' "${render[@]}" --lamps 0 --lamp-samples 3
+    expect 0 '--tune cells has no effect: only --method faces' "${render[@]}" --method brdf --tune cells=2
+    expect 0 '--cells is spelt --tune cells=2 now' "${render[@]}" --cells 2
+    expect 0 '--tune compensate has no effect: --method faces samples no' "${render[@]}" --method faces --tune compensate=on
+    expect 0 '--tune no-visibility has no effect: reference methods' "${render[@]}" --method path --tune no-visibility
+    expect 0 '--source-peak has no effect: the source is computed' "${render[@]}" --source sky: --frames 0 --source-peak 5
+    expect 0 '--cache-dir has no effect: --cache-file names one' "${render[@]}" --method cached --cache-file "$work/one" --cache-dir "$work/dir"
+    expect 0 '--tune lamp-samples has no effect' "${render[@]}" --lamps 0 --tune lamp-samples=3
     expect 0 '--particles has no effect: the scene has no mirror' "${render[@]}" --scene "$work/box.json" --paths all --particles 9
     expect 0 '--particles has no effect: with this --paths, --caustics' "${render[@]}" --paths all --caustics eye --particles 9
     expect 0 '--reinhart has no effect without' "${render[@]}" --reinhart 2
@@ -31,7 +36,7 @@ flags_without_effect_are_reported() {
     expect 0 '--threads 1000: this machine has [0-9]+ processors' "${render[@]}" --threads 1000
     "${render[@]}" 2>"$work/log"
     if grep -q warning "$work/log"; then cat "$work/log"; fail "warnings without a reason"; fi
-    "$bin/relight-render" --size 16x9 --samples 1 --eye-paths 2 --particles 100 --indirect light --cells 2 --exposure 1 --tone linear \
+    "$bin/relight-render" --size 16x9 --samples 1 --eye-paths 2 --particles 100 --indirect light --tune cells=2 --exposure 1 --tone linear \
         --quality 50 --out "$work/x.jpg" 2>"$work/log"
     if grep -q warning "$work/log"; then cat "$work/log"; fail "warnings of flags that have an effect"; fi
 }
@@ -125,10 +130,19 @@ servers_that_cannot_be_reached_are_explained() {
     wait $pid || true
 }
 
+a_key_of_tune_that_does_not_exist_lists_those_that_do() {
+    expect 2 "--tune has no key 'cell'; it has .*cells, sun, .*renew" "$bin/relight-render" --tune sun,cell=2
+    expect 2 "--tune cells needs a value: K" "$bin/relightd" --tune cells
+    expect 2 "--tune cells '3' is not a power of two" "$bin/relightd" --tune sun,cells=3
+    expect 2 "--tune sun takes no value" "$bin/relightd" --tune sun=1
+    expect 2 "unknown flag '--cell': did you mean --tune cells" "$bin/relightd" --cell 4
+}
+
 helpers_answer_help_with_success() {
     local program
     for program in relight-decoder relight-reader; do
         expect 0 'it cannot be used alone' "$bin/$program" --help
+        expect 0 'it cannot be used alone' "$bin/$program" --help all
         expect 2 'it cannot be used alone' "$bin/$program" --halp
     done
 }

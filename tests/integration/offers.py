@@ -34,12 +34,20 @@ def printed(program, *words):
 def words_of(program):
     """{flag: words}, the same wherever they are offered, and all flags."""
     bash, zsh, fish = (printed(program, f"--print-completion-{shell}") for shell in ("bash", "zsh", "fish"))
-    text, manual = printed(program, "--help"), printed(program, "--print-manual").replace("\\-", "-")
+    text, manual = printed(program, "--help", "all"), printed(program, "--print-manual").replace("\\-", "-")
     flags = re.findall(r"^  --([a-z0-9-]+)", text, re.M)
     check(sorted(flags) == sorted(re.findall(r"^\\fB--([a-z0-9-]+)", manual, re.M)), f"{program}: manual")
     check(set(flags) == set(re.findall(r" --([a-z0-9-]+)", re.search(r"-W '( --.*?)'", bash)[1])), f"{program}: bash")
     check(set(flags) == set(re.findall(r"^    '\*?--([a-z0-9-]+)", zsh, re.M)) | {"version"}, f"{program}: zsh")
     check(set(flags) == set(re.findall(r" -l ([a-z0-9-]+)", fish)), f"{program}: fish")
+    common = re.findall(r"^  --([a-z0-9-]+)", printed(program, "--help"), re.M)
+    check(set(common) <= set(flags) and len(common) < 40, f"{program}: {common}")
+    keys = re.findall(r"^  ([a-z][a-z-]*)(=?)", text, re.M)
+    if "tune" in flags:
+        words = " ".join("".join(k) for k in keys)
+        check(len(keys) > 5 and re.findall(r"^  ([a-z][a-z-]*)(=?)", printed(program, "--tune", "help"), re.M) == keys, f"{program} --tune help")
+        check(f"compgen -W '{words} help'" in bash and f":({words} help)'" in zsh and f"-xa '{words} help'" in fish, f"{program} --tune: {words}")
+        check(all(f"\\fB{key}\\fR" in manual for key, _ in keys), f"{program} --tune: manual")
     found = {}
     for flag, words in re.findall(r"^    --([a-z0-9-]+)\) mapfile -t COMPREPLY < <\(compgen -W '(.*?)'", bash, re.M):
         *found[flag], last = words.split()

@@ -75,7 +75,7 @@ the_sun_lights_a_plane_with_a_box_as_rpict_says() {
     need oconv rpict pvalue getinfo
     scene
     weather
-    hour 06-21 ,only=sun,ground=0,size=2048x1024 --samples 32 --sun --size 96x54
+    hour 06-21 ,only=sun,ground=0,size=2048x1024 --samples 32 --tune sun --size 96x54
     python3 - "$work/out" >"$work/sun.rad" <<'PY'
 import math, sys
 from tell import noon

@@ -71,7 +71,7 @@ light_transport_agrees_with_cycles_on_the_plaza() {
 light_transport_and_stored_caustics_agree_with_cycles_on_the_ring() {
     need_data
     local sky="$data/env/overcast_city_1k.hdr"
-    prepared ring_all_overcast_city ring "$sky" 2.5e-3 --paths all --stored-paths "$(count 1500000 20000000)"
+    prepared ring_all_overcast_city ring "$sky" 2.5e-3 --paths all --tune stored-paths="$(count 1500000 20000000)"
     if [ "$planted" ] && prepared ring_all_overcast_city ring "$sky" 2.5e-3 --paths all --caustics none; then
         fail "a picture without caustics passes"
     fi

@@ -105,7 +105,7 @@ the_same_seed_gives_the_same_bits_at_any_thread_count() {
 # Eight samples: relMSE falls to a third or less (a tenth was measured), and the mean stays. The bits depend on no thread
 # count, and what cannot be filtered is refused.
 denoising_brings_a_noisy_picture_closer() {
-    local render=("$bin/relight-render" --source sky:time=10:00 --size 160x90 --method mis --sun)
+    local render=("$bin/relight-render" --source sky:time=10:00 --size 160x90 --method mis --tune sun)
     local noisy denoised n
     "${render[@]}" --samples 128 --eye-paths 64 --out "$work/true.exr"
     "${render[@]}" --samples 8 --out "$work/noisy.exr"
@@ -156,7 +156,7 @@ a_frame_does_not_depend_on_the_frames_selected() {
     local sky='sky:time=05:30,speed=60,size=64x32' options n kind k=0 last=6 kinds='jpg png exr'
     local render=("$bin/relight-render" --source "$sky" --size 32x18)
     for options in '--samples 4' '--method mis --samples 4 --reseed --paths direct' '--samples 4 --denoise' \
-        '--scene @ring --samples 4 --caustics stored --renew 4 --stored-paths 1000' \
+        '--scene @ring --samples 4 --caustics stored --tune renew=4,stored-paths=1000' \
         '--method cached --paths direct' '--samples 4 --exposure 2' '--samples 4 --exposure-frame 9'; do
         options="${options/@ring/$(dirname "$(readlink -f "$0")")/../../docs/examples/ring.json}"
         k=$((k + 1))
@@ -250,7 +250,7 @@ lamps_are_a_part_that_a_factor_scales() {
     local dark="$work/dark.json" examples s
     examples=$(cd "$(dirname "$0")/../../docs/examples" && pwd)
     sed -E 's/, "emission": [^}]*//; s/"lights"/"was"/; s#"file": "#&'"$examples"'/#' "$examples/evening.json" >"$dark"
-    local render=("$bin/relight-render" --source sky:hour=20 --size 96x54 --method mis --samples 4 --lamp-samples 4)
+    local render=("$bin/relight-render" --source sky:hour=20 --size 96x54 --method mis --samples 4 --tune lamp-samples=4)
     "${render[@]}" --scene "$dark" --out "$work/dark.exr"
     for s in 0 1 2 again; do
         "${render[@]}" --scene "$examples/evening.json" --lamps "${s/again/1}" --out "$work/lamps$s.exr" \
@@ -353,7 +353,7 @@ PY
 methods_that_cannot_be_are_refused_by_name() {
     local six="$work/six"
     expect 2 'caustics' "$bin/relight-render" --size 16x9 --samples 1 --paths shiny --out "$work/x.exr"
-    expect 2 "'3' is not a power of two" "$bin/relight-render" --size 16x9 --cells 3 --out "$work/x.exr"
+    expect 2 "'3' is not a power of two" "$bin/relight-render" --size 16x9 --tune cells=3 --out "$work/x.exr"
     mkdir "$six"
     local face
     for face in px nx py ny pz nz; do
@@ -430,7 +430,7 @@ help_and_version_are_there() {
 # The cache is computed once for all frames, results are close to sampled ones, and the statistics report its cost.
 a_cached_sequence_is_near_a_sampled_one() {
     local method n
-    for method in 'cached --samples 64' 'mis --sun --samples 1024'; do
+    for method in 'cached --samples 64' 'mis --tune sun --samples 1024'; do
         # shellcheck disable=SC2086
         "$bin/relight-render" --method $method --source 'sky:time=12:00,speed=60' --frames 0-1 --size "$(count 64x36 96x54)" \
             --paths direct --out "$work/${method%% *}.%d.exr" --stats "$work/${method%% *}.json" 2>"$work/stderr"
@@ -516,7 +516,7 @@ a_cache_that_is_too_large_is_refused() {
 every_cpu_level_gives_the_same_picture() {
     local level code options made=0
     for options in '--method mis --samples 16' '--method auto --samples 7' '--method brdf' \
-        '--method faces --sun --cells 4 --samples 33' '--method cached --cache-file off --samples 16'; do
+        '--method faces --tune sun,cells=4 --samples 33' '--method cached --cache-file off --samples 16'; do
         for level in baseline v3 v4; do
             code=0
             # shellcheck disable=SC2086

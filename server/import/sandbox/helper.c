@@ -10,7 +10,7 @@
 int helper_refuse(int argc, char **argv, const char *purpose)
 {
     fprintf(stderr, "other relightd programs start this one to %s; it cannot be used alone.\n", purpose);
-    return argc == 2 && strcmp(argv[1], "--help") == 0 ? 0 : 2;
+    return argc >= 2 && strcmp(argv[1], "--help") == 0 ? 0 : 2;
 }
 
 bool helper_receive(void *message, size_t size)

@@ -23,7 +23,7 @@ struct render {
     int weights;                       /* enum luminance_weights */
     struct components_desc components; /* out.text NULL: not requested */
     struct annual_desc annual;         /* folder NULL: not requested */
-    struct inspect_request inspection;        /* about a pixel, */
+    struct inspect_request inspection; /* about a pixel, */
     bool probing;                      /* where one is asked */
     struct relight_whole whole;        /* of METHOD_COMPONENTS */
     char name[200];                    /* of a rank, in the log */
@@ -63,29 +63,30 @@ static const struct setting rows[] = {
       "output, with --format",
       NULL, OUTPUT, .needs = NEEDS_MOVIES, .also = "; for a video of all frames: .mp4, .mkv (H.264) or .webm (AV1)",
       TEXT },
-    { "format", "F", "format of --out -: exr (one frame), jpg or png (one after the other)", NULL, OUTPUT,
+    { "format", "F", "format of --out -: exr (one frame), jpg or png (one after the other)", NULL, EXPERT, OUTPUT,
       .needs = NEEDS_MOVIES, .also = ", mp4, mkv or webm", TEXT, AT(desc.output.format) },
     { "rate", "N", "frames per second of a video file; default: the source's, or 30", NULL, OUTPUT,
       .needs = NEEDS_MOVIES, REAL(0.01, 1000.0), AT(desc.output.rate) },
     { "denoise", NULL, "filter noise out of direct and indirect light", NULL, RENDERING, SWITCH,
       AT(desc.setup.light.denoise) },
-    { "exposure-frame", "N", "with --exposure auto: measure this frame; default: the source's first", NULL, OUTPUT,
-      WHOLE(0, 0x1.fffffffffffffp52), AT(desc.exposure_frame) },
+    { "exposure-frame", "N", "with --exposure auto: measure this frame; default: the source's first", NULL, EXPERT,
+      OUTPUT, WHOLE(0, 0x1.fffffffffffffp52), AT(desc.exposure_frame) },
     { "calibrate", "LUX",
-      "scale the environment to real units: the first frame's horizontal illuminance in the open was LUX", NULL,
+      "scale the environment to real units: the first frame's horizontal illuminance in the open was LUX", NULL, EXPERT,
       RENDERING, REAL(1e-6, 1e9), AT(desc.calibrate_lux) },
-    { "half", NULL, "write EXR with 16-bit instead of 32-bit floats", NULL, OUTPUT, SWITCH, AT(desc.output.half) },
+    { "half", NULL, "write EXR with 16-bit instead of 32-bit floats", NULL, EXPERT, OUTPUT, SWITCH,
+      AT(desc.output.half) },
     { "changes", "PATTERN",
       "also write which pixels changed since the last frame: .png; red: changed, green: light computed, blue: rays "
       "traced towards the sun (--method cached)",
-      NULL, OUTPUT, TEXT, AT(desc.changes) },
+      NULL, EXPERT, OUTPUT, TEXT, AT(desc.changes) },
     { "resume", NULL, "keep existing images, for instance after an interruption, and render the rest", NULL, OUTPUT,
       SWITCH, AT(desc.resume) },
     { "collect", NULL, "under mpirun: rank 0 writes the images of all ranks, for hosts without a shared file system",
-      NULL, OUTPUT, .needs = NEEDS_MPI, SWITCH, AT(desc.collect) },
+      NULL, EXPERT, OUTPUT, .needs = NEEDS_MPI, SWITCH, AT(desc.collect) },
     { "split-frames", NULL, "under mpirun: all ranks light each frame together, instead of one rank per frame", NULL,
-      RENDERING, .needs = NEEDS_MPI, SWITCH, AT(desc.split) },
-    { "bits", "B", "bits per channel of PNG", "8", OUTPUT, CHOICE(bits_choices), AT(bits) },
+      EXPERT, RENDERING, .needs = NEEDS_MPI, SWITCH, AT(desc.split) },
+    { "bits", "B", "bits per channel of PNG", "8", EXPERT, OUTPUT, CHOICE(bits_choices), AT(bits) },
     { "layers", NULL,
       "write EXR with layers: light by class, sun and sky, albedo, normal, position, depth, error, Cryptomatte", NULL,
       OUTPUT, SWITCH, AT(desc.layers) },
@@ -94,7 +95,7 @@ static const struct setting rows[] = {
     { "components", "PATTERN",
       "instead of images: daylight coefficients for dctimestep, one .hdr per patch of Radiance's sky; DIR/%03d.hdr",
       NULL, OUTPUT, TEXT },
-    { "reinhart", "MF", "subdivision of the sky for --components", "1", OUTPUT, CHOICE(reinhart_choices),
+    { "reinhart", "MF", "subdivision of the sky for --components", "1", EXPERT, OUTPUT, CHOICE(reinhart_choices),
       AT(components.mf) },
     { "annual", "DIR",
       "instead of images: a year of light under --source epw:FILE; tables, daylight measures, heat maps, false colour",
@@ -102,20 +103,20 @@ static const struct setting rows[] = {
     { "sensors", "S",
       "with --annual: measure illuminance there; a file with a line 'x y z nx ny nz' each (metres), or "
       "grid:SURFACE,spacing=0.5,height=0.8,margin=0",
-      NULL, OUTPUT, TEXT, AT(annual.sensors) },
+      NULL, EXPERT, OUTPUT, TEXT, AT(annual.sensors) },
     { "pictures", "HOURS", "with --annual: images of these hours: MM-DDTHH:MM, separated by commas; seasons; or none",
-      "seasons", OUTPUT, TEXT, AT(annual.images) },
+      "seasons", EXPERT, OUTPUT, TEXT, AT(annual.images) },
     { "luminance", "W", "with --annual and --calibrate: luminance and illuminance from red, green and blue", "rec709",
-      OUTPUT, CHOICE(luminance_choices), AT(weights) },
+      EXPERT, OUTPUT, CHOICE(luminance_choices), AT(weights) },
     { "probe", "X,Y", "print a pixel's light by kind and by sample, one JSON object per frame; makes --out optional",
       NULL, OUTPUT, TEXT },
-    { "probe-samples", "N", "samples of --probe, 1 to 256; default: --samples, at most 256", NULL, OUTPUT,
+    { "probe-samples", "N", "samples of --probe, 1 to 256; default: --samples, at most 256", NULL, EXPERT, OUTPUT,
       WHOLE(1, INSPECT_SAMPLES_MAX), AT(inspection.samples) },
-    { "probe-preset", "P", "preset of --probe, as in figure 1 of Lu, Pacanowski and Granier 2013", NULL, OUTPUT,
+    { "probe-preset", "P", "preset of --probe, as in figure 1 of Lu, Pacanowski and Granier 2013", NULL, EXPERT, OUTPUT,
       CHOICE(inspect_presets), AT(inspection.figure) },
     { "audit", "SHARE",
       "with --stats: estimate each frame's error without aliasing, by this share of its rays + 500,000; 0: no estimate",
-      "0", RENDERING, REAL(0.0, 1000.0), AT(desc.setup.light.audit) },
+      "0", EXPERT, RENDERING, REAL(0.0, 1000.0), AT(desc.setup.light.audit) },
     { "stats", "FILE", "write statistics, one JSON object per frame ('-': standard output)", NULL, OUTPUT, TEXT,
       AT(desc.stats_path) },
     { .name = NULL },
@@ -184,7 +185,7 @@ static enum err check_split(const struct render *r, struct reason *why)
                        : d->layers                                        ? "--layers"
                        : d->output.alpha                                  ? "--alpha"
                        : d->target.seconds > 0.0 || d->target.error > 0.0 ? "--fps or --error"
-                       : d->setup.light.direct.cells > 1                  ? "--cells"
+                       : d->setup.light.direct.cells > 1                  ? "--tune cells"
                                                                           : NULL;
 
     if (d->collect && d->layers)

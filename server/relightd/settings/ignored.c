@@ -76,6 +76,28 @@ static const char *without_strata(const struct setup *s)
                : "only --method faces, faces-uniform, mis and auto have strata";
 }
 
+static const char *without_lobes(const struct setup *s)
+{
+    const enum method m = s->light.direct.method;
+
+    return m == METHOD_FACES || m == METHOD_FACES_UNIFORM ? "--method faces samples no BRDF lobes" : without_strata(s);
+}
+
+static const char *without_shadow_rays(const struct setup *s)
+{
+    return method_is_reference(s->light.direct.method) ? "reference methods trace all rays" : NULL;
+}
+
+static const char *without_folder(const struct setup *s)
+{
+    return s->light.cache_file && s->light.cache_file[0] ? "--cache-file names one file" : without_cache(s);
+}
+
+static const char *without_video(const struct setup *s)
+{
+    return setup_computes_sky(s) ? "the source is computed, no video" : NULL;
+}
+
 static const char *without_components(const struct setup *s)
 {
     return s->light.direct.method == METHOD_COMPONENTS ? NULL : "it is for --method components";
@@ -95,22 +117,38 @@ static const struct {
     const char *flag;
     ignored_by *why;
 } rows[] = {
-    { "indirect", without_indirect },   { "caustics", without_caustics }, { "eye-paths", without_paths },
-    { "particles", without_tracer },    { "start", without_tracer },      { "stored-paths", without_store },
-    { "renew", without_store },         { "cache-file", without_cache },  { "cache-dir", without_cache },
-    { "cache-memory", without_memory }, { "cache-wait", without_cache },  { "allow-bias", without_auto },
-    { "cells", without_strata },        { "compensate", without_strata }, { "sun", without_strata },
-    { "lamp-samples", without_lamps },  { "parts", without_components },  { "paths", without_whole_light },
+    { "indirect", without_indirect },
+    { "caustics", without_caustics },
+    { "eye-paths", without_paths },
+    { "particles", without_tracer },
+    { "start", without_tracer },
+    { "stored-paths", without_store },
+    { "renew", without_store },
+    { "cache-file", without_cache },
+    { "cache-dir", without_folder },
+    { "cache-memory", without_memory },
+    { "cache-wait", without_cache },
+    { "allow-bias", without_auto },
+    { "cells", without_strata },
+    { "compensate", without_lobes },
+    { "sun", without_strata },
+    { "lamp-samples", without_lamps },
+    { "parts", without_components },
+    { "paths", without_whole_light },
     { "samples", without_whole_light },
+    { "no-visibility", without_shadow_rays },
+    { "source-transfer", without_video },
+    { "source-peak", without_video },
+    { "source-ca", without_video },
 };
 
 void setup_report_ignored(struct command *c, const struct setup *s)
 {
     for (size_t k = 0; k < sizeof(rows) / sizeof(rows[0]); k++) {
-        const char *flag = rows[k].flag;
-        const char *why = command_flag(c, flag) && command_given(c, flag) ? rows[k].why(s) : NULL;
+        const struct command_flag *f = command_flag(c, rows[k].flag);
+        const char *why = f && command_given(c, rows[k].flag) ? rows[k].why(s) : NULL;
         if (why)
-            log_warning("--%s has no effect: %s", flag, why);
+            log_warning("%s%s has no effect: %s", setting_prefix(f->row), f->row->name, why);
     }
     const long processors = sysconf(_SC_NPROCESSORS_ONLN);
     if (processors > 0 && s->threads > (unsigned long)processors)

@@ -10,7 +10,7 @@ const struct setting_choice inspect_presets[] = {
 };
 
 enum err inspect_options_read(const struct command *c, uint32_t width, uint32_t height, bool *asked,
-                            struct inspect_request *out, struct reason *why)
+                              struct inspect_request *out, struct reason *why)
 {
     const char *text = command_get(c, "probe");
     char end;

@@ -9,4 +9,4 @@ extern const struct setting_choice inspect_presets[]; /* values of the field `fi
 /* After command_read, which reads samples and preset. *asked: --probe is given; its pixel, of an image of that size,
  * goes to *out. ERR_USAGE names the flag. */
 MUST_CHECK enum err inspect_options_read(const struct command *c, uint32_t width, uint32_t height, bool *asked,
-                                       struct inspect_request *out, struct reason *why);
+                                         struct inspect_request *out, struct reason *why);

@@ -39,7 +39,7 @@ static const struct setting_choice time_choices[] = {
 #define OUTPUT .section = "Output"
 #define LIGHT_PROGRAMS .programs = FOR_RELIGHTD | FOR_RENDER
 #define VIDEO_SOURCES "; or a video: a file, rtsp://, rtmp://, srt://, http(s):// or v4l2:/dev/video0"
-#define NO_FLAG NULL, NULL, NULL, NULL, NULL, 0
+#define NO_FLAG .name = NULL
 #define CONTROL(name, paragraph) .key = name, .clause = paragraph
 #define AT(field) SETTING_AT(setup, field)
 
@@ -96,20 +96,21 @@ const struct setting settings_table[] = {
     { "scene", "FILE",
       "scene to light: .json, .gltf, .glb, .obj, .ply, .stl, .fbx, .dae or .3ds; default: the built-in one", NULL,
       SCENE, .programs = FOR_RELIGHTD | FOR_RENDER | FOR_BENCH, TEXT, AT(set_desc.scene) },
-    { "position", "X,Y,Z", "place the camera here, in metres", NULL, SCENE, LIGHT_PROGRAMS, TEXT, AT(position) },
-    { "look-at", "X,Y,Z", "point that the camera looks at", NULL, SCENE, LIGHT_PROGRAMS, TEXT, AT(look_at) },
-    { "fov", "DEGREES", "vertical field of view of the camera", NULL, SCENE, LIGHT_PROGRAMS, REAL(1.0, 360.0),
+    { "position", "X,Y,Z", "place the camera here, in metres", NULL, EXPERT, SCENE, LIGHT_PROGRAMS, TEXT,
+      AT(position) },
+    { "look-at", "X,Y,Z", "point that the camera looks at", NULL, EXPERT, SCENE, LIGHT_PROGRAMS, TEXT, AT(look_at) },
+    { "fov", "DEGREES", "vertical field of view of the camera", NULL, EXPERT, SCENE, LIGHT_PROGRAMS, REAL(1.0, 360.0),
       AT(fov) },
-    { "projection", "P", "projection of the camera; a fisheye spans 180 degrees unless --fov is given", NULL, SCENE,
-      LIGHT_PROGRAMS, CHOICE(projection_choices), AT(projection) },
+    { "projection", "P", "projection of the camera; a fisheye spans 180 degrees unless --fov is given", NULL, EXPERT,
+      SCENE, LIGHT_PROGRAMS, CHOICE(projection_choices), AT(projection) },
     { "ground", NULL, "add a ground below the model: it shows the environment, with the model's shadows and caustics",
       NULL, SCENE, LIGHT_PROGRAMS, SWITCH, AT(set_desc.ground) },
-    { "time", "SECONDS", "pose animated glTF models at this time of their first animation", "rest", SCENE,
+    { "time", "SECONDS", "pose animated glTF models at this time of their first animation", "rest", EXPERT, SCENE,
       REAL(0.0, ANIMATION_TIME_MAX), OR_WORD(time_choices), AT(time) },
-    { "max-scene-memory", "MB", "maximum memory for reading a scene", "4000", SCENE, WHOLE(1, 1 << 30), .scale = 1e6,
-      AT(set_desc.reading.memory_bytes) },
-    { "max-texture-memory", "MB", "maximum memory of textures; above it the largest lose resolution", "450", SCENE,
-      WHOLE(1, 1 << 30), .scale = 1e6, AT(set_desc.reading.texture_bytes) },
+    { "max-scene-memory", "MB", "maximum memory for reading a scene", "4000", EXPERT, SCENE, WHOLE(1, 1 << 30),
+      .scale = 1e6, AT(set_desc.reading.memory_bytes) },
+    { "max-texture-memory", "MB", "maximum memory of textures; above it the largest lose resolution", "450", EXPERT,
+      SCENE, WHOLE(1, 1 << 30), .scale = 1e6, AT(set_desc.reading.texture_bytes) },
     { "source", "S",
       "environment: file, directory, printf or glob pattern, watch:DIR, push:, epw:FILE or sky:key=value,...",
       "sky:", SCENE, FOR_RELIGHTD, NEEDS_VIDEO, VIDEO_SOURCES, TEXT, AT(source_desc.spec) },
@@ -119,96 +120,95 @@ const struct setting settings_table[] = {
       AT(source_desc.spec) },
     { "frames", "A-B", "only the frames with these numbers (one number: that frame)", NULL, SCENE, LIGHT_PROGRAMS,
       .type = SETTING_FRAMES, AT(source_desc.frames) },
-    { "source-transfer", "T", "transfer function of a video, instead of the one that it declares", "auto", SCENE,
-      LIGHT_PROGRAMS, .needs = NEEDS_VIDEO, CHOICE(signal_transfer_choices), AT(source_desc.colour.transfer) },
+    { "source-transfer", "T", "transfer function of a video, instead of the one that it declares", "auto", EXPERT,
+      SCENE, LIGHT_PROGRAMS, .needs = NEEDS_VIDEO, CHOICE(signal_transfer_choices), AT(source_desc.colour.transfer) },
     { "source-peak", "CDM2",
-      "cd/m^2 of a video's white (HLG: of its peak; PQ: clipping level); 0: 203, HLG 1000, PQ as coded", "0", SCENE,
-      LIGHT_PROGRAMS, .needs = NEEDS_VIDEO, REAL(0.0, 1e6), AT(source_desc.colour.peak_cdm2) },
+      "cd/m^2 of a video's white (HLG: of its peak; PQ: clipping level); 0: 203, HLG 1000, PQ as coded", "0", EXPERT,
+      SCENE, LIGHT_PROGRAMS, .needs = NEEDS_VIDEO, REAL(0.0, 1e6), AT(source_desc.colour.peak_cdm2) },
     { "source-ca", "FILE",
       "PEM file of the certificate authorities to trust for https://, rtsps:// and rtmps:// sources, instead of the "
       "system's; none: accept any certificate",
-      NULL, SCENE, LIGHT_PROGRAMS, .needs = NEEDS_VIDEO, TEXT, AT(source_desc.ca) },
-    { "once", NULL, "stop after the last frame and keep its image; default: start again", NULL, SCENE, FOR_RELIGHTD,
-      SWITCH_OFF, AT(source_desc.loop) },
-    { "layout", "L", "layout of the environment map", "auto", SCENE, LIGHT_PROGRAMS, CHOICE(layout_choices),
+      NULL, EXPERT, SCENE, LIGHT_PROGRAMS, .needs = NEEDS_VIDEO, TEXT, AT(source_desc.ca) },
+    { "once", NULL, "stop after the last frame and keep its image; default: start again", NULL, EXPERT, SCENE,
+      FOR_RELIGHTD, SWITCH_OFF, AT(source_desc.loop) },
+    { "layout", "L", "layout of the environment map", "auto", EXPERT, SCENE, LIGHT_PROGRAMS, CHOICE(layout_choices),
       AT(environment.layout) },
 
     { "size", "WxH", "image size in pixels", "640x360", RENDERING, .type = SETTING_SIZE, AT(size) },
-    { "reseed", NULL, "new random numbers in each frame, so that noise moves", NULL, RENDERING, LIGHT_PROGRAMS, SWITCH,
-      AT(reseed) },
-    { "edge-rays", "K", "K x K camera rays at geometry edges, 1 to 16", "4", RENDERING,
+    { "reseed", NULL, "new random numbers in each frame, so that noise moves", NULL, EXPERT, RENDERING, LIGHT_PROGRAMS,
+      SWITCH, AT(reseed) },
+    { "edge-rays", "K", "K x K camera rays at geometry edges, 1 to 16", "4", EXPERT, RENDERING,
       FOR_RELIGHTD | FOR_RENDER | FOR_CHART, WHOLE(1, 16), AT(set_desc.edge_rays) },
-    { "every-pixel", NULL, "K x K camera rays in all pixels", NULL, RENDERING, FOR_RENDER | FOR_CHART, SWITCH,
+    { "every-pixel", NULL, "K x K camera rays in all pixels", NULL, EXPERT, RENDERING, FOR_RENDER | FOR_CHART, SWITCH,
       AT(set_desc.every_pixel) },
-    { "cpu", "LEVEL", "instruction set: v3, v4 or baseline; default: the best that this CPU supports", NULL, RENDERING,
-      TEXT, AT(cpu) },
+    { "cpu", "LEVEL", "instruction set: v3, v4 or baseline; default: the best that this CPU supports", NULL, EXPERT,
+      RENDERING, TEXT, AT(cpu) },
     { "threads", "N", "maximum number of threads; 0: one per processor", "0", RENDERING, WHOLE(0, 1024), AT(threads) },
-    { "quality", "Q", "JPEG quality, 1 to 100", "85", OUTPUT, LIGHT_PROGRAMS, WHOLE(1, 100), AT(quality),
+    { "quality", "Q", "JPEG quality, 1 to 100", "85", EXPERT, OUTPUT, LIGHT_PROGRAMS, WHOLE(1, 100), AT(quality),
       .reload = RELOAD_QUALITY },
 
     { "parts", "PATTERN",
       "with --method components: an image for each patch of Radiance's sky, DIR/%03d.hdr from 000 on, or a view "
       "matrix of rcontrib",
-      NULL, LIGHTING, LIGHT_PROGRAMS, TEXT, AT(parts) },
-    { "caustics", "BY", "technique for caustics", "auto", LIGHTING, LIGHT_PROGRAMS, CHOICE(caustics_choices),
+      NULL, EXPERT, LIGHTING, LIGHT_PROGRAMS, TEXT, AT(parts) },
+    { "caustics", "BY", "technique for caustics", "auto", EXPERT, LIGHTING, LIGHT_PROGRAMS, CHOICE(caustics_choices),
       AT(light.caustics) },
-    { "indirect", "BY", "technique for indirect light", "auto", LIGHTING, LIGHT_PROGRAMS, CHOICE(indirect_choices),
-      AT(light.indirect) },
+    { "indirect", "BY", "technique for indirect light", "auto", EXPERT, LIGHTING, LIGHT_PROGRAMS,
+      CHOICE(indirect_choices), AT(light.indirect) },
     { "particles", "N", "particles of the light tracer; 0: chosen for scene and environment", "0", LIGHTING,
       LIGHT_PROGRAMS, WHOLE(0, 0x1p40), AT(light.particles) },
     { "eye-paths", "N", "eye paths per shading point; 0: chosen for scene and environment", "0", LIGHTING,
       LIGHT_PROGRAMS, WHOLE(0, 1 << 20), AT(light.eye_paths) },
-    { "start", "WHERE", "where light paths start", "faces", LIGHTING, LIGHT_PROGRAMS, CHOICE(start_choices),
+    { "start", "WHERE", "where light paths start", "faces", TUNE, LIGHT_PROGRAMS, CHOICE(start_choices),
       AT(light.start) },
-    { "cells", "K", "strata of faces and mis: K x K on each cube face; 1, 2, 4 or 8", "1", LIGHTING, LIGHT_PROGRAMS,
+    { "cells", "K", "strata of faces and mis: K x K on each cube face; 1, 2, 4 or 8", "1", TUNE, LIGHT_PROGRAMS,
       POWER(8), AT(light.direct.cells) },
-    { "sun", NULL, "sample the sun, if there is one, as a separate stratum", NULL, LIGHTING, LIGHT_PROGRAMS, SWITCH,
+    { "sun", NULL, "sample the sun, if there is one, as a separate stratum", NULL, TUNE, LIGHT_PROGRAMS, SWITCH,
       AT(light.direct.sun) },
-    { "compensate", "C", "MIS compensation of the light samples of mis", "off", LIGHTING, LIGHT_PROGRAMS,
+    { "compensate", "C", "MIS compensation of the light samples of mis", "off", TUNE, LIGHT_PROGRAMS,
       CHOICE(compensate_choices), AT(light.direct.compensate) },
-    { "importance", "I", "importance of the environment map's texels", "luminance", LIGHTING, LIGHT_PROGRAMS,
+    { "importance", "I", "importance of the environment map's texels", "luminance", TUNE, LIGHT_PROGRAMS,
       CHOICE(importance_choices), AT(environment.importance) },
-    { "no-visibility", NULL, "trace no shadow rays, as in the paper", NULL, LIGHTING, LIGHT_PROGRAMS, SWITCH,
+    { "no-visibility", NULL, "trace no shadow rays, as in the paper", NULL, TUNE, LIGHT_PROGRAMS, SWITCH,
       AT(light.direct.no_visibility) },
     { "allow-bias", "E",
       "--method auto may use the biased cache of light transport where its relMSE is at most E: 4.5e-4 for direct "
       "light, "
       "1e-2 with indirect light; 0: unbiased",
-      "0", LIGHTING, LIGHT_PROGRAMS, REAL(0.0, 10.0), AT(allow_bias) },
-    { "cache-memory", "MB", "maximum memory of the cache of --method cached", "1024", LIGHTING, LIGHT_PROGRAMS,
+      "0", EXPERT, LIGHTING, LIGHT_PROGRAMS, REAL(0.0, 10.0), AT(allow_bias) },
+    { "cache-memory", "MB", "maximum memory of the cache of --method cached", "1024", EXPERT, LIGHTING, LIGHT_PROGRAMS,
       WHOLE(1, 1 << 30), .scale = 1e6, AT(light.cache_bytes) },
     { "cache-dir", "DIR",
       "folder that keeps this cache for the next run (at most 2 GB, least recently used deleted first), or off; "
       "default: $CACHE_DIRECTORY, $XDG_CACHE_HOME/relightd or ~/.cache/relightd",
       NULL, LIGHTING, LIGHT_PROGRAMS, TEXT, AT(light.cache_dir) },
-    { "cache-file", "FILE", "one file for this cache instead, or off", NULL, LIGHTING, LIGHT_PROGRAMS, TEXT,
+    { "cache-file", "FILE", "one file for this cache instead, or off", NULL, EXPERT, LIGHTING, LIGHT_PROGRAMS, TEXT,
       AT(light.cache_file) },
-    { "cache-wait", NULL, "with --method cached: compute the whole cache before the first image", NULL, LIGHTING,
-      FOR_RELIGHTD, SWITCH_OFF, AT(light.cache_background) },
-    { "stored-paths", "N", "light paths kept for --caustics stored; 0: 64 per pixel", "0", LIGHTING, LIGHT_PROGRAMS,
+    { "cache-wait", NULL, "with --method cached: compute the whole cache before the first image", NULL, EXPERT,
+      LIGHTING, FOR_RELIGHTD, SWITCH_OFF, AT(light.cache_background) },
+    { "stored-paths", "N", "light paths kept for --caustics stored; 0: 64 per pixel", "0", TUNE, LIGHT_PROGRAMS,
       WHOLE(0, 0x1p40), AT(light.stored_paths) },
-    { "renew", "K", "each frame renews one of K parts of these paths; 0: none", "512", LIGHTING, LIGHT_PROGRAMS,
+    { "renew", "K", "each frame renews one of K parts of these paths; 0: none", "512", TUNE, LIGHT_PROGRAMS,
       WHOLE(0, CAUSTIC_PARTS_MAX), AT(light.renew) },
     { "lamp-samples", "N", "samples per shading point for the lamps' light, computed before the first image", "64",
-      LIGHTING, FOR_RENDER, WHOLE(1, 1 << 20), AT(lamp_samples) },
+      TUNE, FOR_RENDER, WHOLE(1, 1 << 20), AT(lamp_samples) },
     { "lamp-samples", "N", "samples per shading point for the lamps' light, refined while images are shown", "256",
-      LIGHTING, FOR_RELIGHTD, WHOLE(1, 1 << 20), AT(lamp_samples) },
-    { "seed", "K", "seed of all random numbers", "0", LIGHTING, LIGHT_PROGRAMS, WHOLE(0, 0x1p64),
+      TUNE, FOR_RELIGHTD, WHOLE(1, 1 << 20), AT(lamp_samples) },
+    { "tune", "KEY=VALUE,...", "details of the estimators, by keys (--tune help explains them)", NULL, LIGHTING,
+      LIGHT_PROGRAMS, .type = SETTING_KEYS },
+    { "seed", "K", "seed of all random numbers", "0", EXPERT, LIGHTING, LIGHT_PROGRAMS, WHOLE(0, 0x1p64),
       AT(light.direct.seed) },
     { .name = NULL },
 };
 
-/* Skies that are computed here are lat-long maps. */
-static enum err check_layout(const struct setup *s, struct reason *why)
+bool setup_computes_sky(const struct setup *s)
 {
     static const char *const computed[] = { "sky:", "epw:", "cie:", "mtx:" };
-    const char *spec = s->source_desc.spec;
 
     for (size_t k = 0; k < sizeof(computed) / sizeof(computed[0]); k++)
-        if (strncmp(spec, computed[k], 4) == 0 && s->environment.layout != LAYOUT_AUTO &&
-            s->environment.layout != LAYOUT_LATLONG)
-            return err_say(why, ERR_USAGE, "--layout is for maps from files; the source %.40s is a lat-long map", spec);
-    return ERR_OK;
+        if (strncmp(s->source_desc.spec, computed[k], 4) == 0)
+            return true;
+    return false;
 }
 
 enum err setup_complete(struct setup *s, struct reason *why)
@@ -231,9 +231,10 @@ enum err setup_complete(struct setup *s, struct reason *why)
         s->light.cache_file = NULL;
     if (initial->method == METHOD_COMPONENTS && !s->parts)
         return err_say(why, ERR_USAGE, "--method components needs --parts, such as --parts 'parts/%%03d.hdr'");
-    enum err e = check_layout(s, why);
-    if (!e)
-        e = view_change_read(s->position, s->look_at, s->fov, &s->set_desc.change, why);
+    if (setup_computes_sky(s) && s->environment.layout != LAYOUT_AUTO && s->environment.layout != LAYOUT_LATLONG)
+        return err_say(why, ERR_USAGE, "--layout is for maps from files; the source %.40s is a lat-long map",
+                       s->source_desc.spec);
+    enum err e = view_change_read(s->position, s->look_at, s->fov, &s->set_desc.change, why);
     s->set_desc.change.has_projection = s->projection != PROJECTION_PERSPECTIVE;
     s->set_desc.change.projection = (enum camera_projection)s->projection;
     if (!e)

@@ -11,6 +11,8 @@ struct values {
     bool fast;
     struct setting_frames frames;
     struct setting_texts to;
+    uint32_t knob;
+    bool wild;
 };
 
 struct given {
@@ -30,6 +32,10 @@ static struct setting rows[] = {
     { "fast", NULL, "a switch", NULL, IN, SWITCH, AT(fast) },
     { "frames", "A-B", "which", NULL, IN, .type = SETTING_FRAMES, AT(frames) },
     { "to", "URL", "where to", NULL, IN, TEXTS, AT(to) },
+    { "fine", "N", "for experts", NULL, EXPERT, IN, TEXT },
+    { "knob", "K", "a detail", "2", TUNE, POWER(8), AT(knob) },
+    { "wild", NULL, "another", NULL, TUNE, SWITCH, AT(wild) },
+    { "tune", "KEY=VALUE,...", "details", NULL, IN, .type = SETTING_KEYS },
     { .name = NULL },
 };
 
@@ -126,9 +132,55 @@ static void flags_that_add_up_have_a_limit(void **state)
     (void)state;
     assert_int_equal(give(&g, 0, NULL), ERR_OK);
     for (int k = 0; k < SETTING_TEXTS_MAX; k++)
-        assert_int_equal(command_give(command_flag(&g.c, "to"), "x", &why), ERR_OK);
-    assert_int_equal(command_give(command_flag(&g.c, "to"), "x", &why), ERR_USAGE);
+        assert_int_equal(command_give(&g.c, command_flag(&g.c, "to"), "x", &why), ERR_OK);
+    assert_int_equal(command_give(&g.c, command_flag(&g.c, "to"), "x", &why), ERR_USAGE);
     assert_string_equal(why.text, "--to: given more than 8 times");
+}
+
+static void keys_of_tune_are_given_together_or_apart_and_by_their_old_names(void **state)
+{
+    struct given g;
+
+    (void)state;
+    assert_int_equal(give(&g, 0, NULL), ERR_OK);
+    assert_true(g.v.knob == 2 && !g.v.wild);
+    assert_int_equal(GIVE(&g, 0, "--tune", "wild,knob=4"), ERR_OK);
+    assert_true(g.v.knob == 4 && g.v.wild && command_given(&g.c, "knob"));
+    assert_int_equal(GIVE(&g, 0, "--tune=knob=8", "--tune", "wild"), ERR_OK);
+    assert_true(g.v.knob == 8 && g.v.wild);
+    assert_int_equal(GIVE(&g, 0, "--knob", "2", "--wild"), ERR_OK);
+    assert_true(g.v.knob == 2 && g.v.wild);
+}
+
+static void bad_keys_and_values_of_tune_are_named(void **state)
+{
+    static const char *const bad[][2] = {
+        { "knobs=2", "--tune has no key 'knobs'; it has knob, wild" },
+        { "", "--tune has no key ''; it has knob, wild" },
+        { "wild,", "--tune has no key ''; it has knob, wild" },
+        { "samples=2", "--tune has no key 'samples'; it has knob, wild" },
+        { "knob", "--tune knob needs a value: K" },
+        { "wild=1", "--tune wild takes no value" },
+        { "knob=3", "--tune knob '3' is not a power of two" },
+        { "knob=", "--tune knob '' is not a whole number from 1 to 8" },
+        { "knob=9,wild", "--tune knob '9' is not a whole number from 1 to 8" },
+    };
+    static char full[COMMAND_TUNE_BYTES + 8] = "knob=";
+    struct given g;
+    struct reason why;
+
+    (void)state;
+    for (size_t k = 0; k < sizeof(bad) / sizeof(bad[0]); k++) {
+        assert_int_equal(GIVE(&g, 0, "--tune", bad[k][0]), ERR_USAGE);
+        assert_string_equal(g.why.text, bad[k][1]);
+    }
+    assert_int_equal(GIVE(&g, 0, "--knobs", "2"), ERR_USAGE);
+    assert_non_null(strstr(g.why.text, "did you mean --tune knob?"));
+    assert_int_equal(give(&g, 0, NULL), ERR_OK);
+    memset(full + 5, '1', COMMAND_TUNE_BYTES - 1);
+    assert_int_equal(command_give(&g.c, command_flag(&g.c, "tune"), full, &why), ERR_OK);
+    assert_int_equal(command_give(&g.c, command_flag(&g.c, "tune"), "knob=1", &why), ERR_USAGE);
+    assert_string_equal(why.text, "--tune: more than 1024 bytes of values");
 }
 
 static void bad_command_lines_are_named(void **state)
@@ -137,7 +189,7 @@ static void bad_command_lines_are_named(void **state)
 
     (void)state;
     assert_int_equal(GIVE(&g, 0, "--sizes", "1x1"), ERR_USAGE);
-    assert_string_equal(g.why.text, "unknown flag '--sizes': did you mean --size? (see relight-test --help)");
+    assert_string_equal(g.why.text, "unknown flag '--sizes': did you mean --size? (see relight-test --help all)");
     assert_int_equal(GIVE(&g, 0, "--siz", "1x1"), ERR_USAGE); /* no abbreviations */
     assert_int_equal(GIVE(&g, 0, "--=3"), ERR_USAGE);
     assert_int_equal(GIVE(&g, 0, "--fast=1"), ERR_USAGE);
@@ -218,7 +270,7 @@ static void bad_sizes_are_named(void **state)
 }
 
 /* What give() printed on standard output. */
-static const char *printed_by(struct given *g, const char *word)
+static const char *printed_by(struct given *g, const char *word, const char *next)
 {
     static char text[4096];
     FILE *file = tmpfile();
@@ -227,7 +279,7 @@ static const char *printed_by(struct given *g, const char *word)
     fflush(stdout);
     const int old = dup(STDOUT_FILENO);
     dup2(fileno(file), STDOUT_FILENO);
-    const enum err e = GIVE(g, 0, word);
+    const enum err e = GIVE(g, 0, word, next);
     fflush(stdout);
     dup2(old, STDOUT_FILENO);
     close(old);
@@ -263,7 +315,7 @@ static void ranges_are_read_and_bad_ones_named(void **state)
     }
 }
 
-static void help_tells_every_flag_and_its_default(void **state)
+static void help_tells_every_common_flag_and_its_default(void **state)
 {
     static const char *const told[] = { "usage: relight-test [flags] FILE\n",
                                         "A program of the tests.",
@@ -280,12 +332,25 @@ static void help_tells_every_flag_and_its_default(void **state)
 
     (void)state;
     for (int k = 0; k < 2; k++) {
-        const char *text = printed_by(&g, k ? "-h" : "--help");
+        const char *text = printed_by(&g, k ? "-h" : "--help", NULL);
         assert_true(g.done);
         for (size_t i = 0; i < sizeof(told) / sizeof(told[0]); i++)
             if (!strstr(text, told[i]))
                 fail_msg("--help does not say '%s':\n%s", told[i], text);
+        assert_true(!strstr(text, "for experts") && !strstr(text, "knob=K"));
     }
+}
+
+static void help_all_tells_the_rest(void **state)
+{
+    struct given g;
+
+    (void)state;
+    const char *text = printed_by(&g, "--help", "all");
+    assert_true(strstr(text, "how many [64]") && strstr(text, "  --fine N ") && strstr(text, "for experts\n"));
+    assert_non_null(strstr(text, "\nKeys of --tune\n  knob=K                     a detail [2]\n  wild "));
+    text = printed_by(&g, "--tune", "help");
+    assert_non_null(strstr(text, "details:\n  knob=K                     a detail [2]\n  wild "));
 }
 
 static void version_is_told_in_one_line(void **state)
@@ -293,7 +358,7 @@ static void version_is_told_in_one_line(void **state)
     struct given g;
 
     (void)state;
-    assert_string_equal(printed_by(&g, "--version"), "relight-test " RELIGHT_VERSION "\n");
+    assert_string_equal(printed_by(&g, "--version", NULL), "relight-test " RELIGHT_VERSION "\n");
     assert_true(g.done);
 }
 
@@ -303,13 +368,16 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(last_of_two_wins),
     cmocka_unit_test(flags_that_add_up_keep_all_their_values),
     cmocka_unit_test(flags_that_add_up_have_a_limit),
+    cmocka_unit_test(keys_of_tune_are_given_together_or_apart_and_by_their_old_names),
+    cmocka_unit_test(bad_keys_and_values_of_tune_are_named),
     cmocka_unit_test(bad_command_lines_are_named),
     cmocka_unit_test(bad_whole_numbers_are_named),
     cmocka_unit_test(whole_numbers_are_decimal_whatever_zeros_lead),
     cmocka_unit_test(bad_numbers_are_named),
     cmocka_unit_test(bad_sizes_are_named),
     cmocka_unit_test(ranges_are_read_and_bad_ones_named),
-    cmocka_unit_test(help_tells_every_flag_and_its_default),
+    cmocka_unit_test(help_tells_every_common_flag_and_its_default),
+    cmocka_unit_test(help_all_tells_the_rest),
     cmocka_unit_test(version_is_told_in_one_line),
 };
 

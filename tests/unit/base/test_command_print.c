@@ -12,6 +12,9 @@ static const struct setting rows[] = {
     { "out-dir", "DIR", "where to", "a-b", IN, TEXT },
     { "samples", "N", "how many", "64", IN, TEXT },
     { "tone", "T", "which [curve]", "soft", IN, .type = SETTING_CHOICE, .choices = curves },
+    { "knob", "K", "a detail", "3", TUNE, TEXT },
+    { "wild", NULL, "another", NULL, TUNE, SWITCH },
+    { "tune", "KEY=VALUE", "details", NULL, EXPERT, IN, .type = SETTING_KEYS },
     { .name = NULL },
 };
 static const struct setting shared[] = {
@@ -64,6 +67,8 @@ static void the_manual_has_every_part_and_escapes_what_roff_obeys(void **state)
         ".TP\n\\fB\\-\\-scene\\fR \\fIFILE\\fR\n\\&.json, or 'json' \\e both\n",
         ".TP\n\\fB\\-\\-out\\-dir\\fR \\fIDIR\\fR\nwhere to [a\\-b]\n",
         ".TP\n\\fB\\-\\-fast\\fR\na switch\n",
+        ".TP\n\\fBknob\\fR=\\fIK\\fR\na detail [3]\n",
+        ".TP\n\\fBwild\\fR\nanother\n",
         ".SH \"KEYS\"\n.nf\n\\&.first = 1\n  second\n.fi\n",
     };
 
@@ -89,7 +94,8 @@ static void bash_completes_files_folders_choices_and_flags_of_both_tables(void *
         "    --out-dir) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -d ",
         "    --samples) ",
         "    --tone) mapfile -t COMPREPLY < <(compgen -W 'soft hard help' -- ",
-        "' --scene --out-dir --samples --tone --map --fast --help --version'",
+        "    --tune) compopt -o nospace; mapfile -t COMPREPLY < <(compgen -W 'knob= wild help' -- ",
+        "' --scene --out-dir --samples --tone --tune --map --fast --help --version'",
         "complete -F _relight_test relight-test\n",
     };
 
@@ -109,6 +115,7 @@ static void zsh_completes_the_same(void **state)
         "'--samples=[how many]:N: ' \\\n",
         "'--tone=[which \\[curve\\]]:T:(soft hard help)' \\\n",
         "'--fast[a switch]' \\\n",
+        "'*--tune=[details]:KEY=VALUE:(knob= wild help)' \\\n",
     };
 
     (void)state;
@@ -127,6 +134,7 @@ static void fish_completes_the_same(void **state)
         " -l samples -d 'how many' -x\n",
         " -l tone -d 'which [curve]' -xa 'soft hard help'\n",
         " -l fast -d 'a switch'\n",
+        " -l tune -d 'details' -xa 'knob= wild help'\n",
     };
 
     (void)state;

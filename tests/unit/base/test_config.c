@@ -10,6 +10,8 @@ static const struct setting rows[] = {
     { "to", "URL", "where to", NULL, .section = "in", TEXTS },
     { "gain", "X", "a factor", NULL, .section = "in", TEXT },
     { "fast", NULL, "a switch", NULL, .section = "in", SWITCH },
+    { "knob", "K", "a detail", NULL, TUNE, TEXT },
+    { "tune", "KEY=VALUE,...", "details", NULL, .section = "in", .type = SETTING_KEYS },
     { .name = NULL },
 };
 static struct command command = { .name = "relight-test", .lists = { { rows, &samples } } };
@@ -54,6 +56,27 @@ static void values_become_what_a_command_line_would_have_said(void **state)
         assert_int_equal(config_apply(c, i, &command, &why), ERR_OK);
     assert_null(command_get(&command, "fast"));
     assert_true(strtod(command_get(&command, "gain"), NULL) == 0.30000000000000004);
+    config_destroy(c);
+}
+
+static void keys_of_tune_are_given_by_it_or_by_their_old_names(void **state)
+{
+    struct config *c;
+    struct reason why;
+
+    (void)state;
+    assert_int_equal(parse("{\"tune\": \"knob=3\"}", &c, &why), ERR_OK);
+    assert_int_equal(config_apply(c, 0, &command, &why), ERR_OK);
+    config_destroy(c);
+    assert_string_equal(command_get(&command, "knob"), "3");
+    assert_int_equal(parse("{\"knob\": 4, \"tune\": \"nob=3\"}", &c, &why), ERR_OK);
+    assert_int_equal(config_apply(c, 0, &command, &why), ERR_OK);
+    assert_string_equal(command_get(&command, "knob"), "4");
+    assert_int_equal(config_apply(c, 1, &command, &why), ERR_USAGE);
+    assert_string_equal(why.text, "f:1: tune: --tune has no key 'nob'; it has knob");
+    err_say(&why, ERR_USAGE, "--tune knob '4' is bad");
+    assert_int_equal(config_add_location(c, 0, ERR_USAGE, &why), ERR_USAGE);
+    assert_string_equal(why.text, "f:1: knob: '4' is bad");
     config_destroy(c);
 }
 
@@ -232,6 +255,7 @@ static void a_file_that_cannot_be_read_is_named(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(values_become_what_a_command_line_would_have_said),
+    cmocka_unit_test(keys_of_tune_are_given_by_it_or_by_their_old_names),
     cmocka_unit_test(arrays_are_for_flags_that_add_up),
     cmocka_unit_test(every_key_knows_its_line),
     cmocka_unit_test(what_no_flag_takes_is_refused_with_file_line_and_key),

@@ -295,9 +295,9 @@ static void await_lamps(struct rig *r, float *rgb)
 static void lamps_are_scaled_without_lighting_the_frame_again(void **state)
 {
     (void)state;
-    static const char *const flags[] = { "--scene", EVENING, "--method",       "mis", "--samples",  "2",
-                                         "--lamps", "50",    "--lamp-samples", "9",   "--converge", "off",
-                                         NULL };
+    static const char *const flags[] = { "--scene",    EVENING,   "--method", "mis",    "--samples",
+                                         "2",          "--lamps", "50",       "--tune", "lamp-samples=9",
+                                         "--converge", "off",     NULL };
     static float once[3 * WIDTH * HEIGHT], off[3 * WIDTH * HEIGHT], twice[3 * WIDTH * HEIGHT];
     struct rig r;
     double sum = 0.0;
@@ -351,9 +351,9 @@ static double mean_refined(struct rig *r)
 static void refinement_leaves_the_lamps_as_they_are(void **state)
 {
     (void)state;
-    static const char *const flags[] = { "--scene", EVENING, "--method",       "mis", "--samples",  "4",
-                                         "--lamps", "8000",  "--lamp-samples", "9",   "--converge", "1e-9",
-                                         NULL };
+    static const char *const flags[] = { "--scene",    EVENING,   "--method", "mis",    "--samples",
+                                         "4",          "--lamps", "8000",     "--tune", "lamp-samples=9",
+                                         "--converge", "1e-9",    NULL };
     static const char *const dark[] = { "--scene", EVENING, "--method",   "mis", "--samples", "256",
                                         "--lamps", "0",     "--converge", "off", NULL };
     static float rgb[3 * WIDTH * HEIGHT];
@@ -390,10 +390,12 @@ static double rel_mse(const float *rgb, const float *truth)
 /* An image of lamps, beside which the sky is dark, once they have so many samples. */
 static void light_lamps(const char *samples, bool lockstep, float *rgb)
 {
-    const char *const flags[] = { "--scene", EVENING,          "--method", "mis",        "--samples", "2", "--lamps",
-                                  "1000000", "--lamp-samples", samples,    "--converge", "off",       NULL };
+    char tune[40];
+    const char *const flags[] = { "--scene", EVENING,  "--method", "mis",        "--samples", "2", "--lamps",
+                                  "1000000", "--tune", tune,       "--converge", "off",       NULL };
     struct rig r;
 
+    snprintf(tune, sizeof(tune), "lamp-samples=%s", samples);
     rig_begin(&r, flags);
     rig_load(&r);
     light(&r, 1, lockstep, rgb);
@@ -420,8 +422,8 @@ static void the_first_light_of_lamps_is_filtered(void **state)
 static void lockstep_images_have_all_of_the_lamps(void **state)
 {
     (void)state;
-    static const char *const flags[] = { "--scene",        EVENING, "--method",   "mis", "--samples", "2",
-                                         "--lamp-samples", "9",     "--converge", "off", NULL };
+    static const char *const flags[] = { "--scene", EVENING,          "--method",   "mis", "--samples", "2",
+                                         "--tune",  "lamp-samples=9", "--converge", "off", NULL };
     static float first[3 * WIDTH * HEIGHT], again[3 * WIDTH * HEIGHT];
     struct rig r;
 

@@ -83,7 +83,7 @@ static void each_flag_arrives_where_it_is_meant(void **state)
     assert_true(s->environment.rotation_degrees == -90.5 && s->environment.scale_stops == 3.0);
     assert_int_equal(s->environment.layout, LAYOUT_BALL);
 
-    assert_int_equal(read_line("--particles 1000 --eye-paths 5 --start disc --cells 4 --sun --compensate auto", &r),
+    assert_int_equal(read_line("--particles 1000 --eye-paths 5 --tune start=disc,cells=4,sun --compensate auto", &r),
                      ERR_OK);
     assert_int_equal(s->light.particles, 1000);
     assert_int_equal(s->light.eye_paths, 5);
@@ -92,7 +92,7 @@ static void each_flag_arrives_where_it_is_meant(void **state)
     assert_true(s->light.direct.sun);
     assert_int_equal(s->light.direct.compensate, COMPENSATE_AUTO);
 
-    assert_int_equal(read_line("--caustics stored --stored-paths 123 --renew 8", &r), ERR_OK);
+    assert_int_equal(read_line("--caustics stored --tune stored-paths=123 --tune renew=8", &r), ERR_OK);
     assert_int_equal(s->light.caustics, PLAN_STORED);
     assert_int_equal(s->light.stored_paths, 123);
     assert_int_equal(s->light.renew, 8);
@@ -115,7 +115,7 @@ static void each_flag_arrives_where_it_is_meant(void **state)
     assert_string_equal(s->set_desc.camera, "roof");
     assert_true(s->set_desc.width == 3 && s->set_desc.height == 4);
 
-    assert_int_equal(read_line("--importance max --no-visibility --paths direct", &r), ERR_OK);
+    assert_int_equal(read_line("--tune importance=max,no-visibility --paths direct", &r), ERR_OK);
     assert_int_equal(s->environment.importance, IMPORTANCE_MAX);
     assert_true(s->light.direct.no_visibility);
     assert_int_equal(s->light.classes, PATH_BACKGROUND | PATH_DIRECT);
@@ -127,18 +127,18 @@ static void what_cannot_be_is_refused_by_its_name(void **state)
         { "--paths most", "--paths 'most' is unknown; expected direct, caustics, indirect or all" },
         { "--caustics both", "--caustics 'both' is unknown; expected auto, none, light, eye or stored" },
         { "--indirect both", "--indirect 'both' is unknown; expected auto, none, light or eye" },
-        { "--start ring", "--start 'ring' is unknown; expected faces, quad or disc" },
-        { "--compensate yes", "--compensate 'yes' is unknown; expected off, on or auto" },
-        { "--importance least", "--importance 'least' is unknown; expected luminance, mean or max" },
+        { "--tune start=ring", "--tune start 'ring' is unknown; expected faces, quad or disc" },
+        { "--tune compensate=yes", "--tune compensate 'yes' is unknown; expected off, on or auto" },
+        { "--tune importance=least", "--tune importance 'least' is unknown; expected luminance, mean or max" },
         { "--tone aces", "--tone 'aces' is unknown; expected filmic, reinhard, linear, false-colour or pq" },
-        { "--cells 3", "--cells '3' is not a power of two" },
+        { "--tune cells=3", "--tune cells '3' is not a power of two" },
         { "--samples 0", "--samples '0' is not a whole number from 1 to 1048576" },
         { "--rotate 1e9", "--rotate '1e9' is not a number from -3600 to 3600" },
     };
     static const char *const flags[][2] = {
         /* the sentence is another room's; it names flag and value */
         { "--method guess", "guess" },
-        { "--cells 16", "--cells" },
+        { "--tune cells=16", "--tune cells" },
         { "--eye-paths many", "--eye-paths" },
         { "--particles -1", "--particles" },
         { "--cache-memory 0", "--cache-memory" },
