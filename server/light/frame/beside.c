@@ -5,6 +5,7 @@
 #include "base/rng.h"
 #include "light/resolve/backplate.h"
 
+#include <math.h>
 #include <string.h>
 
 #define GROW_S 0.1 /* of an image, for paths to be stored; none in the first */
@@ -15,6 +16,15 @@
 
 #define MOST_PATHS 2 /* of a point, where eye paths find caustics */
 
+/* What an image by the cache under a moving sky takes one of, and all others take together. */
+enum slice { SLICE_STORED, SLICE_STORED_OTHER, SLICE_SAMPLES, SLICE_SAMPLES_OTHER, SLICE_FILTER, SLICES };
+
+/* A sky that has changed by more since the last image is not worth gliding to: of its energy, and radians of its sun, 3
+ * degrees, for which a day's sun takes 12 minutes. */
+#define OTHER_ENERGY 0.2
+#define OTHER_SUN 0.052f
+#define SUN_PARTS 8 /* of its energy, to find its middle: of a lamp of 5 degrees to half a degree */
+
 struct beside {
     const struct prepared_scene *set;
     struct denoiser *denoiser;
@@ -23,15 +33,22 @@ struct beside {
     size_t images;         /* 1; with a ground 2: the second is for splats on it */
     float *weight;         /* [packet_count][16]: sum of a point's weights, if it is seen directly; else 0 */
     float *stored[2];      /* [packet_count][3][16], as the next */
-    float *shown;
-    float *image, *rest; /* [images][height][width][3]; rest: splats without a shade point, summed over images */
-    uint32_t pictures;   /* in rest: since the sky or the estimator changed */
-    uint64_t key;        /* of the last image */
+    float *half[2], *target, *shown;
+    float *image, *fresh, *rest; /* [images][height][width][3]; fresh: splats of this round without a shade point, */
+    uint32_t rounds;             /* rest: the mean of so many rounds, since the sky or the estimator changed */
+    uint64_t key;                /* of the last image */
+    enum slice slice;            /* the next */
+    uint32_t left;               /* images until `shown` is `target` */
+    bool shows;                  /* shown is light of this key */
+    double energy;               /* of the last image's sky */
+    float sun[3];                /* and where its sun was */
     /* Of the image: */
     const struct relight_desc *grows;  /* its request, if stored paths are to grow; else NULL */
     const struct relight_desc *stored_by; /* the same, if it shows stored paths; else NULL */
     struct light_tracer_desc light[2]; /* particles 0: none */
+    uint64_t wanted;                   /* its key */
     bool glides;                       /* nothing is sampled */
+    bool still, slow, sliced;          /* its sky is the last one's; its light may glide; it may take one slice */
     const atomic_bool *cancel;         /* may be NULL */
 };
 
@@ -51,13 +68,20 @@ struct beside *beside_create(const struct prepared_scene *set, struct denoiser *
     b->weight = mem_alloc((size_t)g->packet_count * PACKET, sizeof(float));
     for (int k = 0; k < 2; k++)
         b->stored[k] = mem_alloc(b->points, sizeof(float));
+    for (int k = 0; k < 2; k++)
+        b->half[k] = mem_alloc(b->points, sizeof(float));
+    b->target = mem_alloc(b->points, sizeof(float));
     b->shown = mem_alloc(b->points, sizeof(float));
     b->image = mem_alloc(b->images * b->values, sizeof(float));
+    b->fresh = mem_alloc(b->images * b->values, sizeof(float));
     b->rest = mem_alloc(b->images * b->values, sizeof(float));
-    if (!b->accumulation || !b->weight || !b->stored[0] || !b->stored[1] || !b->shown || !b->image || !b->rest) {
-        beside_destroy(b);
-        return NULL;
-    }
+    const void *const all[] = { b->accumulation, b->weight, b->stored[0], b->stored[1], b->half[0], b->half[1],
+                                b->target,       b->shown,  b->image,     b->fresh,     b->rest };
+    for (size_t k = 0; k < sizeof(all) / sizeof(all[0]); k++)
+        if (!all[k]) {
+            beside_destroy(b);
+            return NULL;
+        }
     for (uint32_t k = 0; k < g->entry_first[b->values / 3]; k++) {
         const uint32_t point = g->entries[k].point;
         if (!g->packets[point / PACKET].behind[point % PACKET])
@@ -72,10 +96,14 @@ void beside_destroy(struct beside *b)
         return;
     accumulation_destroy(b->accumulation);
     mem_free(b->weight);
-    mem_free(b->stored[0]);
-    mem_free(b->stored[1]);
+    for (int k = 0; k < 2; k++) {
+        mem_free(b->stored[k]);
+        mem_free(b->half[k]);
+    }
+    mem_free(b->target);
     mem_free(b->shown);
     mem_free(b->image);
+    mem_free(b->fresh);
     mem_free(b->rest);
     mem_free(b);
 }
@@ -85,17 +113,17 @@ bool beside_wanted(const struct prepared_scene *set, const struct relight_desc *
     return desc->remember && set->facts.casters > 0 && desc->classes & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
 }
 
-static void begin(struct beside *b, uint64_t key, bool still, bool glides)
+/* A round of slices. */
+static void begin(struct beside *b)
 {
-    still = still && b->pictures > 0;
-    accumulation_begin(b->accumulation, key, still && glides);
+    const bool still = b->still && b->shows && b->wanted == b->key;
+
+    accumulation_begin(b->accumulation, b->wanted, still && b->slow);
     accumulation_hold(b->accumulation, still);
-    if (key != b->key || !still) {
-        memset(b->rest, 0, b->images * b->values * sizeof(float));
-        b->pictures = 0;
-    }
-    b->pictures++;
-    b->key = key;
+    memset(b->fresh, 0, b->images * b->values * sizeof(float));
+    if (!still)
+        b->rounds = 0;
+    b->key = b->wanted;
 }
 
 /* Caustics by eye paths leave the passes' eye paths. */
@@ -134,9 +162,10 @@ void beside_describe(struct beside *b, const struct environment *e, const struct
 
     b->glides = glides;
     b->cancel = desc->direct.cancel;
-    if (!glides)
-        begin(b, (uint64_t)desc->classes << 8 | (uint64_t)p->caustics << 4 | p->indirect_caustics, stats->still,
-              desc->glide);
+    b->wanted = (uint64_t)desc->classes << 8 | (uint64_t)p->caustics << 4 | p->indirect_caustics;
+    b->still = stats->still;
+    b->slow = desc->glide;
+    b->sliced = frame_plan_has(plan, PASS_CACHED) && !frame_plan_is_filtered(plan) && !stats->still;
     b->grows = relight_plan_later(desc, p) ? desc : NULL;
     b->stored_by = frame_plan_has(plan, PASS_STORED) ? desc : NULL;
     frame_plan_drop(plan, PASS_STORED);
@@ -158,7 +187,7 @@ static bool takes(const struct beside *b, uint32_t point, size_t image)
 static void move_pixel(struct beside *b, size_t pixel, size_t image, float *lo)
 {
     const struct gbuffer *g = b->set->gbuffer;
-    float *splats = b->image + image * b->values + 3 * pixel, *rest = b->rest + image * b->values + 3 * pixel;
+    float *splats = b->image + image * b->values + 3 * pixel, *rest = b->fresh + image * b->values + 3 * pixel;
     float sum = 0.0f;
 
     for (uint32_t k = g->entry_first[pixel]; k < g->entry_first[pixel + 1]; k++)
@@ -184,21 +213,20 @@ static void move_splats(struct beside *b, float *lo)
             move_pixel(b, k % b->values / 3, k / b->values, lo);
 }
 
-/* Both halves of the stored light. Until there is other light to show, the store grows only enough for this image. */
-static enum err run_stored(struct beside *b, struct relight_caustics *c, const struct environment *e,
+/* A half of the stored light. Until there is other light to show, the store grows only enough for this image. */
+static enum err run_stored(struct beside *b, struct relight_caustics *c, const struct environment *e, uint32_t k,
                            struct relight_stats *stats)
 {
     const uint64_t turn = accumulation_turn(b->accumulation);
     enum err result = ERR_OK;
 
-    for (int k = 0; k < 2; k++)
-        memset(b->stored[k], 0, b->points * sizeof(float));
-    if (b->grows && (turn > 0 || b->stored_by))
+    memset(b->stored[k], 0, b->points * sizeof(float));
+    if (k == 0 && b->grows && (turn > 0 || b->stored_by))
         result = relight_caustics_grow(c, b->grows, turn > 0 ? GROW_S : 0.0, stats);
-    for (uint32_t k = 0; k < 2 && b->stored_by && !result; k++) {
-        result = relight_caustics_half(c, e, b->stored_by, k, b->image);
-        move_splats(b, b->stored[k]);
-    }
+    if (!b->stored_by || result)
+        return result;
+    result = relight_caustics_half(c, e, k, b->image);
+    move_splats(b, b->stored[k]);
     return result;
 }
 
@@ -225,7 +253,7 @@ static enum err run_half(struct beside *b, struct passes *s, const struct religh
                          struct relight_stats *stats)
 {
     struct eye_paths_desc own = *eye;
-    float *lo = denoiser_half(b->denoiser, (int)k);
+    float *lo = b->half[k];
     struct eye_paths_stats found = { 0 };
     struct light_tracer_desc sun = { .particles = 0 };
     enum err result = ERR_OK;
@@ -246,11 +274,76 @@ static enum err run_half(struct beside *b, struct passes *s, const struct religh
     return result;
 }
 
-static void add_shown(const struct beside *b, float *lo)
+static void filter(struct beside *b, const float *lo)
 {
+    const float *const stored[2] = { b->stored[0], b->stored[1] };
+
+    for (int k = 0; k < 2; k++)
+        memcpy(denoiser_half(b->denoiser, k), b->half[k], b->points * sizeof(float));
+    accumulation_add(b->accumulation, lo);
+    accumulation_show(b->accumulation, stored, b->target);
+    const float share = 1.0f / (float)++b->rounds;
 #pragma omp parallel for schedule(static)
-    for (size_t i = 0; i < b->points; i++)
+    for (size_t i = 0; i < b->images * b->values; i++)
+        b->rest[i] = b->rounds > 1 ? b->rest[i] + share * (b->fresh[i] - b->rest[i]) : b->fresh[i];
+    b->left = b->sliced ? SLICES : 1;
+    b->shows = true;
+}
+
+static enum err run_slice(struct beside *b, struct passes *s, struct relight_caustics *c, const struct environment *e,
+                          const struct eye_paths_desc *eye, struct relight_stats *stats)
+{
+    enum err result = ERR_OK;
+
+    if (b->slice == SLICE_STORED)
+        begin(b);
+    if (b->slice <= SLICE_STORED_OTHER)
+        result = run_stored(b, c, e, b->slice - SLICE_STORED, stats);
+    else if (b->slice <= SLICE_SAMPLES_OTHER)
+        result = run_half(b, s, c, e, eye, b->slice - SLICE_SAMPLES, stats);
+    else
+        filter(b, s->lo);
+    b->slice = result || is_cancelled(b->cancel) ? SLICE_STORED : (enum slice)((b->slice + 1) % SLICES);
+    return result;
+}
+
+/* The middle of the sun, by samples of equal energy; 0 if there is none. */
+static void find_sun(const struct relight_caustics *c, const struct environment *e, float sun[3])
+{
+    memset(sun, 0, 3 * sizeof(*sun));
+    for (int k = 0; k < SUN_PARTS && c->sky.sun_count > 0; k++) {
+        const double x[2] = { (k + 0.5) / SUN_PARTS, 0.5 };
+        float w[3], rgb[3];
+        sky_split_sample(&c->sky, e, x, w, rgb);
+        for (int i = 0; i < 3; i++)
+            sun[i] += w[i] / SUN_PARTS;
+    }
+}
+
+/* Whether the sky is too unlike the last image's to take one slice of it. */
+static bool is_other_sky(struct beside *b, const struct relight_caustics *c, const struct environment *e)
+{
+    const double was = b->energy;
+    float sun[3] = { 0.0f, 0.0f, 0.0f }, apart = 0.0f;
+
+    if (b->stored_by)
+        find_sun(c, e, sun);
+    for (int i = 0; i < 3; i++)
+        apart += (sun[i] - b->sun[i]) * (sun[i] - b->sun[i]);
+    b->energy = e->total_energy;
+    memcpy(b->sun, sun, sizeof(sun));
+    return fabs(b->energy - was) > OTHER_ENERGY * was || apart > OTHER_SUN * OTHER_SUN;
+}
+
+static void add_shown(struct beside *b, float *lo)
+{
+    const float step = 1.0f / (float)(b->left > 0 ? b->left-- : 1);
+
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < b->points; i++) {
+        b->shown[i] += step * (b->target[i] - b->shown[i]);
         lo[i] += b->shown[i];
+    }
 }
 
 enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics, const struct environment *e,
@@ -259,35 +352,36 @@ enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics 
     if (!stats->bias && eye->paths > 0)
         stats->bias = "caustics behind mirrors and glass: no path brings more than a limit";
     if (b->glides) {
-        accumulation_glide(b->accumulation, b->shown);
+        accumulation_glide(b->accumulation, b->target);
+        b->left = 1;
         add_shown(b, s->lo);
         return ERR_OK;
     }
-    enum err result = run_stored(b, caustics, e, stats);
+    enum err result = b->stored_by ? relight_caustics_take(caustics, e, b->stored_by) : ERR_OK;
+    const bool other = is_other_sky(b, caustics, e) || !b->shows || b->wanted != b->key;
+    uint32_t count = 1;
 
-    for (uint64_t k = 0; k < 2 && !result; k++)
-        result = run_half(b, s, caustics, e, eye, k, stats);
-    if (result || is_cancelled(b->cancel)) {
-        b->pictures = 0; /* rest has a part of this image: it begins anew */
-        return result;
+    if (other || !b->sliced) {
+        b->slice = SLICE_STORED;
+        b->sliced = false;
+        count = SLICES;
     }
-    const float *const stored[2] = { b->stored[0], b->stored[1] };
-    accumulation_add(b->accumulation, s->lo);
-    accumulation_show(b->accumulation, stored, b->shown);
-    add_shown(b, s->lo);
-    return ERR_OK;
+    for (uint32_t k = 0; k < count && !result; k++)
+        result = run_slice(b, s, caustics, e, eye, stats);
+    if (!result && !is_cancelled(b->cancel))
+        add_shown(b, s->lo);
+    return result;
 }
 
 enum err beside_finish(const struct beside *b, struct backplate *ground, const struct environment *e, float *rgb)
 {
-    const float share = 1.0f / (float)b->pictures;
     float *to = ground ? backplate_splats(ground) : rgb;
 
     if (!to)
         return ERR_NOMEM;
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < b->images * b->values; i++)
-        to[i] += share * b->rest[i];
+        to[i] += b->rest[i];
     if (ground)
         backplate_add_splats(ground, e, rgb);
     return ERR_OK;

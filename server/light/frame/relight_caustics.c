@@ -143,13 +143,15 @@ bool relight_caustics_serve(const struct relight_caustics *c)
     return s && s->filled * SERVES >= s->parts;
 }
 
-enum err relight_caustics_half(struct relight_caustics *c, const struct environment *e, const struct relight_desc *desc,
-                               uint32_t half, float *rgb)
+enum err relight_caustics_take(struct relight_caustics *c, const struct environment *e, const struct relight_desc *desc)
 {
     c->sky.unsplit = desc->unsplit;
-    const enum err result = half == 0 ? sky_split_take(&c->sky, e) : ERR_OK;
+    return sky_split_begin(&c->sky, e);
+}
 
-    return result ? result : caustic_store_light_half(c->store, e, c->sky.level, half, rgb);
+enum err relight_caustics_half(struct relight_caustics *c, const struct environment *e, uint32_t half, float *rgb)
+{
+    return caustic_store_light_half(c->store, e, c->sky.level, half, rgb);
 }
 
 enum err relight_caustics_run(struct relight_caustics *c, struct light_tracer *light, const struct environment *e,
@@ -160,8 +162,7 @@ enum err relight_caustics_run(struct relight_caustics *c, struct light_tracer *l
     stats->stored = *caustic_store_stats(c->store);
     if (result || !caustic_store_is_complete(c->store)) /* cancelled */
         return result;
-    c->sky.unsplit = desc->unsplit;
-    result = sky_split_take(&c->sky, e);
+    result = relight_caustics_take(c, e, desc);
     if (!result)
         result = caustic_store_light(c->store, e, c->sky.level, rgb);
     struct light_tracer_desc sun = relight_caustics_sun(c, e, desc, stats->plan.particles);

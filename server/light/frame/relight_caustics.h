@@ -29,13 +29,16 @@ MUST_CHECK enum err relight_caustics_grow(struct relight_caustics *c, const stru
 /* True once the store of live images has grown enough to light them better than eye paths. */
 bool relight_caustics_serve(const struct relight_caustics *c);
 
-/* Adds the light of one half of the store, 0 or 1, to rgb, as far as it has grown. Call it for half 0 first. ERR_NOMEM.
- */
-MUST_CHECK enum err relight_caustics_half(struct relight_caustics *c, const struct environment *e,
-                                          const struct relight_desc *desc, uint32_t half, float *rgb);
+/* Divides the sky of an image into what stored paths light and what particles of the sun do. ERR_NOMEM. */
+MUST_CHECK enum err relight_caustics_take(struct relight_caustics *c, const struct environment *e,
+                                          const struct relight_desc *desc);
 
-/* The light tracer's description for the sun of e, which gets its energy share of `particles`. Call it after
- * relight_caustics_half. */
+/* Adds the light of one half of the store, 0 or 1, to rgb, as far as it has grown, under the sky taken. ERR_NOMEM. */
+MUST_CHECK enum err relight_caustics_half(struct relight_caustics *c, const struct environment *e, uint32_t half,
+                                          float *rgb);
+
+/* The light tracer's description for the sun of e, which gets its energy share of `particles`, under the sky
+ * taken. */
 struct light_tracer_desc relight_caustics_sun(const struct relight_caustics *c, const struct environment *e,
                                                  const struct relight_desc *desc, uint64_t particles);
 
