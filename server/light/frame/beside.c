@@ -16,7 +16,7 @@
 
 #define MOST_PATHS 2 /* of a point, where eye paths find caustics */
 
-/* What an image by the cache under a moving sky takes one of, and all others take together. */
+/* What an image under a moving sky takes one of, and all others take together. */
 enum slice { SLICE_STORED, SLICE_STORED_OTHER, SLICE_SAMPLES, SLICE_SAMPLES_OTHER, SLICE_FILTER, SLICES };
 
 /* A sky that has changed by more since the last image is not worth gliding to: of its energy, and radians of its sun, 3
@@ -165,7 +165,7 @@ void beside_describe(struct beside *b, const struct environment *e, const struct
     b->wanted = (uint64_t)desc->classes << 8 | (uint64_t)p->caustics << 4 | p->indirect_caustics;
     b->still = stats->still;
     b->slow = desc->glide;
-    b->sliced = frame_plan_has(plan, PASS_CACHED) && !frame_plan_is_filtered(plan) && !stats->still;
+    b->sliced = !stats->still;
     b->grows = relight_plan_later(desc, p) ? desc : NULL;
     b->stored_by = frame_plan_has(plan, PASS_STORED) ? desc : NULL;
     frame_plan_drop(plan, PASS_STORED);

@@ -7,7 +7,7 @@
  *
  *     x(point) = sum over its pixels (w S / W) / sum over its pixels (w),   W = sum of w over the pixel's such points
  *
- * When the cache makes images, this light takes most of their time. So under a moving sky each image takes one
+ * This light takes most of an image's time. So under a moving sky each image takes one
  * slice of it in turn: half of the stored paths, half of the samples, or the filter. After a round of slices, what is
  * shown glides to its light during the next round, under which the sky moves by some minutes. A sky unlike the last
  * image's, and a still one, gets all slices at once.

@@ -257,11 +257,11 @@ static double error_under(struct stage *truth, double degrees, const struct stag
     return error_of(s, want);
 }
 
-/* By the cache an image takes one slice of a round, unless its sky is another one: then all. In four rounds of a sun
+/* An image takes one slice of a round, unless its sky is another one: then all. In four rounds of a sun
  * that moves by half a degree, what comes late is half a round old: its error is below that of the first image, which
  * has no history. The limit of paths behind glass makes images 2.7 % darker; without one half of the stored paths these
  * are 3.3 %, without one of the samples 4.9 %. */
-static void images_by_the_cache_take_turns(void **state)
+static void images_under_a_moving_sky_take_turns(void **state)
 {
     struct stage s = ring(sun_at(20)), truth = ring(sun_at(20));
     struct relight_desc light = caustics;
@@ -299,7 +299,7 @@ static void images_by_the_cache_take_turns(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(images_by_the_cache_take_turns),
+    cmocka_unit_test(images_under_a_moving_sky_take_turns),
     cmocka_unit_test(the_store_grows_while_images_are_made),
     cmocka_unit_test(they_are_the_light_of_other_images),
     cmocka_unit_test(images_learn_and_forget),
