@@ -68,7 +68,7 @@ const struct figure server_figure_table[] = {
     TEXT("light.paths", paths),
     TEXT("light.left_out", left_out),
     KNOWN("light.error", "relightd_picture_error_ratio",
-        "Estimated relMSE of the last image; absent when unknown.", error),
+        "Estimated relMSE of the last image, without aliasing; absent when unknown.", error),
     KNOWN("light.error_at_most", "relightd_picture_error_at_most_ratio",
         "Upper bound of the last image's relMSE (two standard errors above the estimate); absent when none is known.",
         error_at_most),
