@@ -14,7 +14,8 @@
  * minutes. */
 #define BRIGHTEST 4.0
 
-#define MOST_PATHS 2 /* of a point, where eye paths find caustics */
+#define MOST_PATHS 2 /* of a point, where eye paths find caustics, */
+#define LEFT_PATHS 4 /* and where the cache leaves indirect light to them */
 
 /* What an image under a moving sky takes one of, and all others take together. */
 enum slice { SLICE_STORED, SLICE_STORED_OTHER, SLICE_SAMPLES, SLICE_SAMPLES_OTHER, SLICE_FILTER, SLICES };
@@ -43,9 +44,11 @@ struct beside {
     double energy;               /* of the last image's sky */
     float sun[3];                /* and where its sun was */
     /* Of the image: */
-    const struct relight_desc *grows;  /* its request, if stored paths are to grow; else NULL */
+    const struct relight_desc *request;
+    const struct relight_desc *grows;  /* the same, if stored paths are to grow; else NULL */
     const struct relight_desc *stored_by; /* the same, if it shows stored paths; else NULL */
     struct light_tracer_desc light[2]; /* particles 0: none */
+    struct eye_paths_desc unserved;    /* indirect light that the cache leaves to eye paths; paths 0: none */
     uint64_t wanted;                   /* its key */
     bool glides;                       /* nothing is sampled */
     bool still, slow, sliced;          /* its sky is the last one's; its light may glide; it may take one slice */
@@ -146,6 +149,18 @@ static struct eye_paths_desc take_eye_paths(const struct environment *e, struct 
     return own;
 }
 
+/* A cached image would trace all of them, for points whose lobes are narrower than the cache's cells. */
+static void take_left(struct beside *b, struct frame_plan *plan)
+{
+    b->unserved.paths = 0;
+    for (uint32_t k = plan->count; k-- > 0;)
+        if (plan->pass[k].kind == PASS_EYE && plan->pass[k].eye.only) {
+            b->unserved = plan->pass[k].eye;
+            b->unserved.paths = b->unserved.paths < LEFT_PATHS ? b->unserved.paths : LEFT_PATHS;
+            frame_plan_remove(plan, &plan->pass[k]);
+        }
+}
+
 static void take_particles(struct beside *b, struct frame_plan *plan)
 {
     b->light[0] = b->light[1] = (struct light_tracer_desc){ .particles = 0 };
@@ -166,10 +181,13 @@ void beside_describe(struct beside *b, const struct environment *e, const struct
     b->still = stats->still;
     b->slow = desc->glide;
     b->sliced = !stats->still;
+    b->request = desc;
     b->grows = relight_plan_later(desc, p) ? desc : NULL;
     b->stored_by = frame_plan_has(plan, PASS_STORED) ? desc : NULL;
     frame_plan_drop(plan, PASS_STORED);
     take_particles(b, plan);
+    take_left(b, plan);
+    b->wanted |= (uint64_t)(b->unserved.paths > 0) << 63;
     const struct eye_paths_desc eye = take_eye_paths(e, plan);
     frame_plan_add(plan, PASS_BESIDE, PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC)->eye = eye;
     frame_plan_add(plan, PASS_REST, 0);
@@ -247,30 +265,39 @@ static enum err run_particles(struct beside *b, struct passes *s, const struct e
     return result;
 }
 
+static enum err run_eye_paths(struct beside *b, const struct environment *e, const struct eye_paths_desc *desc,
+                              uint64_t k, struct relight_stats *stats)
+{
+    struct eye_paths_desc own = *desc;
+    struct eye_paths_stats found = { 0 };
+
+    if (desc->paths == 0)
+        return ERR_OK;
+    own.paths = (desc->paths + 1) / 2;
+    own.pass = 2 * accumulation_turn(b->accumulation) + k;
+    own.seed = rng_mix(desc->seed, k);
+    const enum err result = eye_paths_shade(b->set->scene, b->set->rays, b->set->gbuffer, e, &own, b->half[k], &found);
+    stats->eye.paths += found.paths;
+    stats->eye.rays += found.rays;
+    return result;
+}
+
 /* New samples, to half k. */
 static enum err run_half(struct beside *b, struct passes *s, const struct relight_caustics *c,
                          const struct environment *e, const struct eye_paths_desc *eye, uint64_t k,
                          struct relight_stats *stats)
 {
-    struct eye_paths_desc own = *eye;
-    float *lo = b->half[k];
-    struct eye_paths_stats found = { 0 };
     struct light_tracer_desc sun = { .particles = 0 };
-    enum err result = ERR_OK;
 
-    own.paths = (own.paths + 1) / 2;
-    own.pass = 2 * accumulation_turn(b->accumulation) + k;
-    own.seed = rng_mix(own.seed, k);
-    memset(lo, 0, b->points * sizeof(float));
-    if (own.paths > 0)
-        result = eye_paths_shade(b->set->scene, b->set->rays, b->set->gbuffer, e, &own, lo, &found);
-    stats->eye.paths += found.paths;
-    stats->eye.rays += found.rays;
+    memset(b->half[k], 0, b->points * sizeof(float));
+    enum err result = run_eye_paths(b, e, eye, k, stats);
+    if (!result)
+        result = run_eye_paths(b, e, &b->unserved, k, stats);
     if (b->stored_by)
         sun = relight_caustics_sun(c, e, b->stored_by, stats->plan.particles);
     for (int i = 0; i < 3 && !result; i++)
         result = run_particles(b, s, e, i < 2 ? &b->light[i] : &sun, k, stats);
-    move_splats(b, lo);
+    move_splats(b, b->half[k]);
     return result;
 }
 
@@ -326,8 +353,7 @@ static bool is_other_sky(struct beside *b, const struct relight_caustics *c, con
     const double was = b->energy;
     float sun[3] = { 0.0f, 0.0f, 0.0f }, apart = 0.0f;
 
-    if (b->stored_by)
-        find_sun(c, e, sun);
+    find_sun(c, e, sun);
     for (int i = 0; i < 3; i++)
         apart += (sun[i] - b->sun[i]) * (sun[i] - b->sun[i]);
     b->energy = e->total_energy;
@@ -357,7 +383,7 @@ enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics 
         add_shown(b, s->lo);
         return ERR_OK;
     }
-    enum err result = b->stored_by ? relight_caustics_take(caustics, e, b->stored_by) : ERR_OK;
+    enum err result = relight_caustics_take(caustics, e, b->request);
     const bool other = is_other_sky(b, caustics, e) || !b->shows || b->wanted != b->key;
     uint32_t count = 1;
 
