@@ -54,7 +54,6 @@ static struct digest key_of(const struct annual *a)
                                s->environment.layout,
                                s->environment.rotation_degrees,
                                s->environment.scale_stops,
-                               s->environment.importance,
                                s->initial.lamps };
     digest_bytes(&d, numbers, sizeof(numbers));
     digest_bytes(&d, &a->desc.measures, sizeof(a->desc.measures));

@@ -46,7 +46,7 @@ static void drawn_init(struct drawn *s, int kind, const struct environment *e)
         assert_int_equal(latlong_build(&s->latlong, e, &why), ERR_OK);
         for (uint32_t t = 0; t < s->texels; t++) {
             const float *x = e->image.rgb + 3 * (size_t)t;
-            s->weight[t] = importance_of(e->importance, x[0], x[1], x[2]) * s->latlong.row_angle[t / w];
+            s->weight[t] = rgb_luminance(x[0], x[1], x[2]) * s->latlong.row_angle[t / w];
         }
         return;
     }

@@ -247,7 +247,7 @@ static inline void look_low(const struct transport_look *look, const float w[3],
     float k[4];
 
     look_level(e->pyramid, level_of(e->pyramid, density), w, rgb);
-    if (!(importance_of(e->importance, rgb[0], rgb[1], rgb[2]) > look->level))
+    if (!(rgb_luminance(rgb[0], rgb[1], rgb[2]) > look->level))
         return;
     if (!find_four(&e->texels->r, e->n, NULL, w, t, k)) {
         float u, v;
@@ -257,7 +257,7 @@ static inline void look_low(const struct transport_look *look, const float w[3],
         k[1] = k[2] = k[3] = 0.0f;
     }
     for (int i = 0; i < 4; i++)
-        sum += k[i] * sky_lower(look->level, importance_of(e->importance, t[i][0], t[i][1], t[i][2])) * t[i];
+        sum += k[i] * sky_lower(look->level, rgb_luminance(t[i][0], t[i][1], t[i][2])) * t[i];
     memcpy(rgb, &sum, 3 * sizeof(*rgb));
 }
 
@@ -275,7 +275,7 @@ static inline void look_at(const struct transport_look *look, const float w[3], 
         return;
     const uint32_t at = cube_texel(e->n, w, &u, &v);
     const struct texel *x = &e->texels[at];
-    const float g = importance_of(e->importance, x->r, x->g, x->b), above = 1.0f - sky_lower(look->level, g);
+    const float g = rgb_luminance(x->r, x->g, x->b), above = 1.0f - sky_lower(look->level, g);
     if (!(above > 0.0f))
         return;
     const float other =

@@ -72,7 +72,7 @@ static void find_cone(struct transport_sun *b, const struct sky_split *s, const 
         return;
     for (uint32_t k = 0; k < s->sun_count; k++) {
         const struct texel *t = &e->texels[s->sun[k]];
-        const float g = importance_of(e->importance, t->r, t->g, t->b);
+        const float g = rgb_luminance(t->r, t->g, t->b);
         const double part = (1.0 - (double)sky_lower(s->level, g)) * e->solid_angle[s->sun[k] % (s->n * s->n)];
         double w[3];
         texel_direction(s, s->sun[k], w);

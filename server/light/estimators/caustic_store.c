@@ -221,7 +221,7 @@ static MUST_CHECK enum err take_sky(struct caustic_store *s, const struct enviro
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < texels; i++) {
         const struct texel *t = &e->texels[i];
-        const float g = importance_of(e->importance, t->r, t->g, t->b), part = sky_lower(level, g);
+        const float g = rgb_luminance(t->r, t->g, t->b), part = sky_lower(level, g);
         s->sky[i][0] = part * t->r;
         s->sky[i][1] = part * t->g;
         s->sky[i][2] = part * t->b;

@@ -101,7 +101,7 @@ static inline void sky_table_lanes(const struct sky_table *t, const struct sky_p
         return;
     LANES(l)
     {
-        if (importance_of(t->importance, x[l].r, x[l].g, x[l].b) > t->level)
+        if (rgb_luminance(x[l].r, x[l].g, x[l].b) > t->level)
             out->pdf_sun.v[l] = sky_table_sun(t, (uint32_t)p->at[l], cube_jacobian(p->u.v[l], p->v.v[l]));
     }
 }

@@ -31,7 +31,7 @@ static void clamp_image(struct environment *e, float level)
 
     for (size_t i = 0; i < count; i++) {
         float *t = e->image.rgb + 3 * i;
-        const float g = importance_of(e->importance, t[0], t[1], t[2]);
+        const float g = rgb_luminance(t[0], t[1], t[2]);
         for (int k = 0; k < 3 && g > level; k++)
             t[k] *= level / g;
     }
@@ -344,7 +344,7 @@ static enum err keep_lower(struct motion *m)
 
     for (size_t i = 0; i < count && !e; i++) {
         struct texel *t = &m->sky->texels[i];
-        const float g = importance_of(m->sky->importance, t->r, t->g, t->b);
+        const float g = rgb_luminance(t->r, t->g, t->b);
         const float kept = sky_lower(m->split.level, g);
         t->r *= kept;
         t->g *= kept;

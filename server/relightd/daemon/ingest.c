@@ -80,7 +80,6 @@ static enum err decode(struct ingest_thread *t, struct environment *out, const s
                                                            .decoder = t->decoder ? &decoder : NULL,
                                                            .rotation_degrees = now.rotation_degrees,
                                                            .scale_stops = now.scale_stops,
-                                                           .importance = c->setup.environment.importance,
                                                            .max_side = c->max_side,
                                                            .lean = now.method == METHOD_CACHED });
     const enum err e = environment_update(out, f, why);

@@ -15,7 +15,6 @@ enum err frame_slots_init(struct frame_slots *s, const struct daemon_config *con
     for (int i = 0; i < count && ok; i++) {
         s->slot[i].environment =
             environment_create(&(struct environment_desc){ .layout = config->setup.environment.layout,
-                                                           .importance = config->setup.environment.importance,
                                                            .tables = s->tables,
                                                            .like = i > 0 ? s->slot[0].environment : NULL });
         ok = s->slot[i].environment != NULL;

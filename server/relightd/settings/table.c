@@ -167,8 +167,6 @@ const struct setting settings_table[] = {
       AT(light.direct.sun) },
     { "compensate", "C", "MIS compensation of the light samples of mis", "off", TUNE, LIGHT_PROGRAMS,
       CHOICE(compensate_choices), AT(light.direct.compensate) },
-    { "importance", "I", "importance of the environment map's texels", "luminance", TUNE, LIGHT_PROGRAMS,
-      CHOICE(importance_choices), AT(environment.importance) },
     { "no-visibility", NULL, "trace no shadow rays, as in the paper", NULL, TUNE, LIGHT_PROGRAMS, SWITCH,
       AT(light.direct.no_visibility) },
     { "allow-bias", "E",

@@ -25,13 +25,6 @@ struct environment_rest {
     atomic_bool made, pyramid_made;
 };
 
-const struct setting_choice importance_choices[] = {
-    { "luminance", IMPORTANCE_LUMINANCE, "perceived brightness", 0 },
-    { "mean", IMPORTANCE_MEAN, "mean of red, green and blue", 0 },
-    { "max", IMPORTANCE_MAX, "largest of red, green and blue: less noise in saturated colours", 0 },
-    { NULL, 0, NULL, 0 },
-};
-
 struct environment *environment_create(const struct environment_desc *desc)
 {
     const uint32_t n = desc->n ? desc->n : DEFAULT_N;
@@ -102,7 +95,6 @@ void environment_configure(struct environment *e, const struct environment_desc 
     e->rotation = desc->rotation_degrees * PI / 180.0;
     e->gain = (float)exp2(desc->scale_stops);
     e->calibrated = desc->calibrated;
-    e->importance = desc->importance;
     e->lean = desc->lean;
     e->decoder = desc->decoder;
     e->max_side = desc->max_side;
@@ -258,16 +250,16 @@ static enum err match_resampler(struct environment *e, enum layout layout, struc
                   : ERR_OK;
 }
 
-/* Stores a row's radiance and density. weight: importance x solid angle. */
-static inline void weigh_row(const struct environment *e, enum importance kind, const float *from,
-                             const double *solid_angle, struct texel *t, double *weight)
+/* Stores a row's radiance and density. weight: luminance x solid angle. */
+static inline void weigh_row(const struct environment *e, const float *from, const double *solid_angle,
+                             struct texel *t, double *weight)
 {
     const uint32_t n = e->n;
     const double per_uv = 0.25 * n * n;
 
     for (uint32_t j = 0; j < n; j++) {
         const float r = from[4 * j], g = from[4 * j + 1], b = from[4 * j + 2];
-        weight[j] = importance_of(kind, r, g, b) * solid_angle[j];
+        weight[j] = rgb_luminance(r, g, b) * solid_angle[j];
         t[j] = (struct texel){ r, g, b, (float)(weight[j] * per_uv) };
     }
 }
@@ -304,12 +296,7 @@ static void rebuild_band(struct environment *e, uint32_t face, uint32_t b)
         const float *from = light + 4 * (size_t)i * RESAMPLE_PITCH(n);
         const double *solid_angle = e->solid_angle + (size_t)(i0 + i) * n;
         struct texel *t = e->texels + (size_t)(row + i) * n;
-        if (e->importance == IMPORTANCE_LUMINANCE)
-            weigh_row(e, IMPORTANCE_LUMINANCE, from, solid_angle, t, cdf + (size_t)i * n);
-        else if (e->importance == IMPORTANCE_MEAN)
-            weigh_row(e, IMPORTANCE_MEAN, from, solid_angle, t, cdf + (size_t)i * n);
-        else
-            weigh_row(e, IMPORTANCE_MAX, from, solid_angle, t, cdf + (size_t)i * n);
+        weigh_row(e, from, solid_angle, t, cdf + (size_t)i * n);
     }
     sum_band(cdf, n, rows, e->face_cdf + row);
     if (!e->lean)
@@ -374,7 +361,7 @@ void environment_set_faces(struct environment *e, const float *rgb)
         for (uint32_t j = 0; j < n; j++) {
             const size_t at = (size_t)row * n + j;
             const float r = rgb[3 * at], g = rgb[3 * at + 1], b = rgb[3 * at + 2];
-            const double weight = importance_of(e->importance, r, g, b) * e->solid_angle[(size_t)(row % n) * n + j];
+            const double weight = rgb_luminance(r, g, b) * e->solid_angle[(size_t)(row % n) * n + j];
             e->texels[at] = (struct texel){ r, g, b, (float)(weight * (0.25 * n * n)) };
             sum += weight;
         }
@@ -412,7 +399,7 @@ static void complete_band(const struct environment *e, uint32_t face, uint32_t b
         for (uint32_t j = 0; j < n; j++) {
             const struct texel *t = &e->texels[(size_t)(row + i) * n + j];
             cdf[(size_t)i * n + j] =
-                importance_of(e->importance, t->r, t->g, t->b) * e->solid_angle[(size_t)(i0 + i) * n + j];
+                rgb_luminance(t->r, t->g, t->b) * e->solid_angle[(size_t)(i0 + i) * n + j];
         }
     sum_band(cdf, n, rows, whole);
 }

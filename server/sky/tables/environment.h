@@ -18,25 +18,9 @@ struct pyramid;
 struct resampler;
 struct resample_tables;
 
-/* How a texel's radiance is reduced to one number for importance sampling. 0 only if all channels are 0. */
-enum importance {
-    IMPORTANCE_LUMINANCE, /* perceived brightness; blue light gets few samples and is noisy on blue albedo */
-    IMPORTANCE_MEAN,      /* mean of r, g and b */
-    IMPORTANCE_MAX,       /* maximum of r, g and b, as in [Nori]: bounds radiance / density equally for all colours */
-};
-
-static inline float importance_of(enum importance kind, float r, float g, float b)
-{
-    if (kind == IMPORTANCE_LUMINANCE)
-        return rgb_luminance(r, g, b);
-    return kind == IMPORTANCE_MEAN ? (r + g + b) * (1.0f / 3.0f) : fmaxf(r, fmaxf(g, b));
-}
-
-extern const struct setting_choice importance_choices[];
-
-/* A texel of the cube map. density is importance x solid angle x n^2/4, so that for a direction through (u, v) of face
+/* A texel of the cube map. density is luminance x solid angle x n^2/4, so that for a direction through (u, v) of face
  * f: pdf(w | f) = density * (1 + u^2 + v^2)^(3/2) / energy[f], sr^-1. This is the density of choosing the texel in
- * proportion to importance x solid angle, and a point in it uniformly in (u, v). */
+ * proportion to luminance x solid angle, and a point in it uniformly in (u, v). */
 struct texel {
     float r, g, b, density;
 };
@@ -47,7 +31,6 @@ struct environment {
     enum layout layout; /* of image */
     double rotation;    /* radians about +Y, right-handed */
     float gain;         /* 2^scale_stops */
-    enum importance importance;
     struct resampler *resampler;
     struct resample_tables *tables;
     const struct image_decoder *decoder; /* NULL: decode_image */
@@ -55,10 +38,10 @@ struct environment {
 
     uint32_t n;                /* texels along a face's edge */
     struct texel *texels;      /* [6][n][n] */
-    double *row_cdf;           /* [6][n][n]: CDF of importance x solid angle within each row (*) */
+    double *row_cdf;           /* [6][n][n]: CDF of luminance x solid angle within each row (*) */
     double *face_cdf;          /* [6][n]: CDF over the rows of a face */
     double *solid_angle;       /* [n][n]: solid angle of a texel; the same on each face */
-    double energy[CUBE_FACES]; /* importance x solid angle of a face, W m^-2 up to the scale */
+    double energy[CUBE_FACES]; /* luminance x solid angle of a face, W m^-2 up to the scale */
     double total_energy;       /* of all faces */
     struct pyramid *pyramid;   /* mip levels of the texels, for wide lookups (*) */
     bool lean;                 /* (*) deferred to environment_complete */
@@ -78,7 +61,6 @@ struct environment_desc {
     double rotation_degrees;
     double scale_stops;
     bool calibrated; /* scale_stops makes real units of a captured map */
-    enum importance importance;
     bool lean; /* a rebuild computes only what all methods need and defers the CDFs and the pyramid to
                   environment_complete */
     const struct image_decoder *decoder; /* decodes the files of frames; borrowed; NULL: decode_image */
@@ -95,7 +77,7 @@ void environment_destroy(struct environment *e); /* NULL is allowed */
 /* Frees the memory of the frame, but not the cube map's. The environment must not be read until an update succeeds. */
 void environment_release_memory(struct environment *e);
 
-/* Sets layout, rotation, scale, importance, lean, decoder and size limit for the following updates; n and tables cannot
+/* Sets layout, rotation, scale, lean, decoder and size limit for the following updates; n and tables cannot
  * change. */
 void environment_configure(struct environment *e, const struct environment_desc *desc);
 
@@ -119,8 +101,8 @@ bool environment_is_latlong(const struct environment *e);  /* its image; it must
 void environment_complete_pyramid(const struct environment *e);
 bool environment_has_pyramid(const struct environment *e); /* the pyramid is complete */
 
-/* Transfer the radiance of the cube map, float[6][n][n][3], to another process, whose environment with the same n and
- * importance then samples and evaluates with the same bits as e. That environment has no image, so environment_lookup
+/* Transfer the radiance of the cube map, float[6][n][n][3], to another process, whose environment with the same n
+ * then samples and evaluates with the same bits as e. That environment has no image, so environment_lookup
  * and its callers must not use it. environment_set_faces uses the threads of a lean rebuild and defers the same
  * steps. */
 void environment_get_faces(const struct environment *e, float *rgb);

@@ -14,14 +14,14 @@
 /* The minimum sine of a sampled theta, which keeps the density finite at the poles. */
 #define MIN_SINE 1e-12
 
-/* Radiance and importance of a texel, for tables and densities alike. */
+/* Radiance and luminance of a texel, for tables and densities alike. */
 static double load(const struct latlong *t, uint32_t row, uint32_t column, float rgb[3])
 {
     const float *s = t->environment->image.rgb + 3 * ((size_t)row * t->width + column);
 
     for (int c = 0; c < 3; c++)
         rgb[c] = t->gain * s[c];
-    return importance_of(t->importance, rgb[0], rgb[1], rgb[2]);
+    return rgb_luminance(rgb[0], rgb[1], rgb[2]);
 }
 
 static void build_row(struct latlong *t, uint32_t row)
@@ -66,7 +66,6 @@ enum err latlong_build(struct latlong *t, const struct environment *e, struct re
         return err_say(why, ERR_NOMEM, "%s: out of memory for the tables of %ux%u texels", e->name, width, height);
     t->environment = e;
     t->bottom_first = layout == LAYOUT_LATLONG_BOTTOM_FIRST;
-    t->importance = e->importance;
     t->gain = e->gain;
     t->rotation[0] = cos(e->resampler->table->key.rotation);
     t->rotation[1] = sin(e->resampler->table->key.rotation);
@@ -149,8 +148,8 @@ static double evaluate(const struct latlong *t, const float w[3], float rgb[3], 
 
     find_texel(t, w, at);
     *row = at[0];
-    const double importance = load(t, at[0], at[1], rgb);
-    return t->total > 0.0 ? importance * t->row_angle[at[0]] / t->total : 0.0;
+    const double luminance = load(t, at[0], at[1], rgb);
+    return t->total > 0.0 ? luminance * t->row_angle[at[0]] / t->total : 0.0;
 }
 
 void latlong_evaluate_rows(const struct latlong *t, const float w[3], float rgb[3], float *pdf)

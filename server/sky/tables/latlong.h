@@ -2,7 +2,7 @@
  * for comparison. The sampled function is the source, nearest texel, times gain: piecewise constant, so that sampling
  * and evaluation agree.
  *
- * Both variants weight a texel by importance x solid angle. Rows [Scotty3D]: one row-major CDF over all texels, a
+ * Both variants weight a texel by luminance x solid angle. Rows [Scotty3D]: one row-major CDF over all texels, a
  * position within the texel uniform in (u, v), and pdf(w) = p(texel) w h / (2 pi^2 sin theta) at the sampled theta.
  * Marginal and conditional [Nori]: a row by the marginal CDF, a column by the row's CDF, a position within the texel
  * uniform in solid angle, and pdf(w) = p(texel) / solid angle.
@@ -19,12 +19,11 @@ struct latlong {
     const struct environment *environment; /* of the last build; its image is read */
     uint32_t width, height;
     bool bottom_first;
-    double *cdf; /* [height][width]: CDF of importance x solid angle within each row, not across rows, since a row's
+    double *cdf; /* [height][width]: CDF of luminance x solid angle within each row, not across rows, since a row's
                     total may be 1e-12 of the preceding rows' */
     double *marginal;  /* [height]: CDF over the rows; with cdf, the row-major CDF in two steps */
     double *row_angle; /* [height]: solid angle of a texel */
     double total;
-    enum importance importance; /* as of the build, like gain and rotation */
     float gain;
     double rotation[2]; /* cosine and sine */
 };

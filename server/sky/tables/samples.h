@@ -66,7 +66,7 @@ MUST_CHECK enum err samples_draw_latlong(const struct latlong *t, enum strata_ki
 void samples_invert_face(const struct environment *e, uint32_t face, const double x[2], float w[3]);
 
 /* Samples one direction from all faces as one table, for path tracing and next event estimation: w (unit), the radiance
- * as by environment_evaluate, and its density, sr^-1 over the sphere, in proportion to importance. False if the sky is
+ * as by environment_evaluate, and its density, sr^-1 over the sphere, in proportion to luminance. False if the sky is
  * black. Thread: any. */
 bool environment_sample(const struct environment *e, const double x[2], float w[3], float rgb[3], float *pdf);
 

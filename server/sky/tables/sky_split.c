@@ -11,10 +11,10 @@
  * light is invisible. */
 #define FAINT 1e-3
 
-static float texel_importance(const struct environment *e, uint32_t at)
+static float texel_luminance(const struct environment *e, uint32_t at)
 {
     const struct texel *x = &e->texels[at];
-    return importance_of(e->importance, x->r, x->g, x->b);
+    return rgb_luminance(x->r, x->g, x->b);
 }
 
 double sky_cell_solid_angle(uint32_t place)
@@ -76,7 +76,7 @@ static void take_cell(struct sky_split *s, const struct environment *e, uint32_t
         }
         for (uint32_t x = j * n / edge; x * edge < (j + 1) * n; x++) {
             const struct texel *t = &e->texels[(face * n + y) * n + x];
-            const float g = importance_of(e->importance, t->r, t->g, t->b);
+            const float g = rgb_luminance(t->r, t->g, t->b);
             const double weight = whole_texels ? e->solid_angle[y * n + x] : overlap(e, y, x, i, j);
             const double kept = weight * (double)sky_lower(s->level, g);
             whole += weight;
@@ -89,10 +89,10 @@ static void take_cell(struct sky_split *s, const struct environment *e, uint32_t
         s->cells[place / SKY_CHUNK][c][place % SKY_CHUNK] = (float)(sum[c] / whole);
 }
 
-/* The sun's share of a texel's importance. */
-static double importance_above(const struct sky_split *s, const struct environment *e, uint32_t at)
+/* The sun's share of a texel's luminance. */
+static double luminance_above(const struct sky_split *s, const struct environment *e, uint32_t at)
 {
-    const float g = texel_importance(e, at);
+    const float g = texel_luminance(e, at);
     return (double)g * (1.0 - (double)sky_lower(s->level, g));
 }
 
@@ -110,7 +110,7 @@ static enum err add_sun(struct sky_split *s, const struct environment *e, uint32
         s->sun_cdf = cdf;
         s->sun_capacity = more;
     }
-    s->sun_energy += importance_above(s, e, at) * e->solid_angle[at % (e->n * e->n)];
+    s->sun_energy += luminance_above(s, e, at) * e->solid_angle[at % (e->n * e->n)];
     s->sun[s->sun_count] = at;
     s->sun_cdf[s->sun_count++] = s->sun_energy;
     return ERR_OK;
@@ -124,7 +124,7 @@ static enum err find_sun(struct sky_split *s, const struct environment *e)
     s->sun_energy = 0.0;
     for (uint32_t row = 0; row < CUBE_FACES * e->n; row++)
         for (uint32_t at = row * e->n; s->row_max[row] > s->level && at < (row + 1) * e->n && !result; at++)
-            if (texel_importance(e, at) > s->level)
+            if (texel_luminance(e, at) > s->level)
                 result = add_sun(s, e, at);
     return result;
 }
@@ -195,7 +195,7 @@ void sky_split_sample(const struct sky_split *s, const struct environment *e, co
     const double place = invert(s->sun_cdf, s->sun_count, x[0]);
     const uint32_t k = (uint32_t)place, at = s->sun[k];
     const struct texel *t = &e->texels[at];
-    const double above = importance_above(s, e, at);
+    const double above = luminance_above(s, e, at);
     float u, v;
 
     invert_direction(n, at / (n * n), at / n % n + (place - k), at % n + fmin(x[1], INVERT_LAST), w);
@@ -203,7 +203,7 @@ void sky_split_sample(const struct sky_split *s, const struct environment *e, co
     /* p = above x solid angle / energy, uniform over the texel's square of (2 / n)^2; above / g of the radiance
      * belongs to the sun */
     const double density = above * e->solid_angle[at % (n * n)] / s->sun_energy * 0.25 * n * n;
-    const double weight = above / (double)texel_importance(e, at) / (density * (double)cube_jacobian(u, v));
+    const double weight = above / (double)texel_luminance(e, at) / (density * (double)cube_jacobian(u, v));
     rgb[0] = (float)(weight * (double)t->r);
     rgb[1] = (float)(weight * (double)t->g);
     rgb[2] = (float)(weight * (double)t->b);
@@ -214,7 +214,7 @@ float sky_split_density(const struct sky_split *s, const struct environment *e, 
     const uint32_t n = s->n;
     float u, v;
     const uint32_t at = cube_texel(n, w, &u, &v);
-    const double above = importance_above(s, e, at);
+    const double above = luminance_above(s, e, at);
 
     if (!(above > 0.0) || s->sun_count == 0)
         return 0.0f;

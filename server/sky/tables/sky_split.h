@@ -2,7 +2,7 @@
  * cells, and a sun, held as single texels. The caches of direct and indirect light, the light tracer and the
  * caustic store use it.
  *
- * The lower part keeps the share (level / g)^2 of a texel with importance g above the level. This is continuous at the
+ * The lower part keeps the share (level / g)^2 of a texel with luminance g above the level. This is continuous at the
  * level and leaves almost none of a sun in the lower part. The energies of both parts add up to the map's. The level is
  * sky_level's (sky/tables/sky_table.h), rounded to half an octave: so it mostly stays when a part of the sky
  * changes, and with it every bit of a sun. A map with less than 1/16 of the sphere lit has no level and is entirely
@@ -32,7 +32,7 @@ static inline uint32_t sky_cell(uint32_t face, uint32_t i, uint32_t j)
     return face * SKY_EDGE * SKY_EDGE + place;
 }
 
-/* The lower part's share of a texel of importance g, 0..1. */
+/* The lower part's share of a texel of luminance g, 0..1. */
 static inline float sky_lower(float level, float g)
 {
     return g > level ? level / g * (level / g) : 1.0f;
@@ -45,7 +45,7 @@ struct sky_split {
     uint32_t n;                                         /* of the environment */
     uint32_t sun_count, sun_capacity;
     uint32_t *sun;      /* [sun_count]: index into environment.texels, ascending */
-    double *sun_cdf;    /* CDF of importance above the level x solid angle */
+    double *sun_cdf;    /* CDF of luminance above the level x solid angle */
     double sun_energy;  /* its total */
     float *row_max;        /* [6][n] */
     uint32_t row_capacity; /* of row_max */

@@ -27,18 +27,18 @@
 #define SUN_RADIUS 2.5 /* degrees */
 #define SUN_SHARE 0.1
 
-/* A histogram of solid angle over importance, 16 bins per octave: the bits of a float >= 0 above the fourth bit of its
+/* A histogram of solid angle over luminance, 16 bins per octave: the bits of a float >= 0 above the fourth bit of its
  * mantissa. Solid angles are integers, so that sums do not depend on the order of threads. */
 #define BIN_SHIFT 19
 #define BINS 4096
 #define APART 4
 #define PER_SR 0x1p40 /* 4 pi is 1.4e13, the smallest texel of 1024^2 is 8e5 */
 
-static uint32_t bin_of(float importance)
+static uint32_t bin_of(float luminance)
 {
     uint32_t bits;
 
-    memcpy(&bits, &importance, sizeof(bits));
+    memcpy(&bits, &luminance, sizeof(bits));
     return bits >> BIN_SHIFT;
 }
 
@@ -52,10 +52,10 @@ static double bin_value(uint32_t bin)
     return value;
 }
 
-static float importance_at(const struct sky_table *t, uint32_t at)
+static float luminance_at(const struct sky_table *t, uint32_t at)
 {
     const struct texel *x = &t->environment->texels[at];
-    return importance_of(t->importance, x->r, x->g, x->b);
+    return rgb_luminance(x->r, x->g, x->b);
 }
 
 /* Neighbours mostly have the same bin, and consecutive sums in one place wait for each other: so there are APART
@@ -67,14 +67,14 @@ static float measure_row(const struct environment *e, uint32_t row, uint64_t (*b
     float brightest = 0.0f;
 
     for (uint32_t j = 0; j < e->n; j++) {
-        const float g = importance_of(e->importance, x[j].r, x[j].g, x[j].b);
+        const float g = rgb_luminance(x[j].r, x[j].g, x[j].b);
         bins[j % APART][bin_of(g)] += (uint64_t)(int64_t)(solid_angle[j] * PER_SR);
         brightest = g > brightest ? g : brightest;
     }
     return brightest;
 }
 
-/* The c > 0 with c = LEVEL m(c), where m(c) is the mean over the sphere of min(importance, c). 0 if less than 1/LEVEL
+/* The c > 0 with c = LEVEL m(c), where m(c) is the mean over the sphere of min(luminance, c). 0 if less than 1/LEVEL
  * of the sphere is lit: then there is none. Computed from the histogram, whose bins of 1/16 octave make m accurate to
  * about 3 %, which suffices. m is concave and m(0) = 0, so c is unique; with bin k the brightest that is not clamped, c
  * = LEVEL (below[k] + c above). */
@@ -132,7 +132,7 @@ static void texel_corner(const struct sky_table *t, uint32_t at, double row, dou
 /* The part of a sun's texel above the level, x solid angle. */
 static double sun_part(const struct sky_table *t, uint32_t at)
 {
-    return ((double)importance_at(t, at) - t->level) * t->environment->solid_angle[at % (t->n * t->n)];
+    return ((double)luminance_at(t, at) - t->level) * t->environment->solid_angle[at % (t->n * t->n)];
 }
 
 static enum err add_sun_texel(struct sky_table *t, uint32_t at)
@@ -161,7 +161,7 @@ static uint32_t find_brightest(const struct sky_table *t)
 
     for (uint32_t k = 1; k < CUBE_FACES * t->n; k++)
         row = t->row_max[k] > t->row_max[row] ? k : row;
-    for (at = row * t->n; importance_at(t, at) != t->row_max[row];)
+    for (at = row * t->n; luminance_at(t, at) != t->row_max[row];)
         at++;
     return at;
 }
@@ -199,7 +199,7 @@ static enum err find_sun(struct sky_table *t)
     const double reach = cos(SUN_RADIUS * PI / 180.0);
     for (uint32_t row = 0; row < CUBE_FACES * n; row++)
         for (uint32_t at = row * n; t->row_max[row] > t->level && at < (row + 1) * n && !e; at++) {
-            if (!(importance_at(t, at) > t->level))
+            if (!(luminance_at(t, at) > t->level))
                 continue;
             texel_corner(t, at, 0.5, 0.5, w);
             if (at == brightest || dot3(w, centre) >= reach)
@@ -236,13 +236,12 @@ static void shape_row(struct sky_table *t, uint32_t row)
     const uint32_t n = t->n, m = n / t->cells, first = row * n;
     const double *solid_angle = t->environment->solid_angle + (size_t)(row % n) * n;
     const struct texel *texels = t->environment->texels + first;
-    const enum importance kind = t->importance;
     const double less = t->compensated ? 0.5 * t->mean : 0.0, per_uv = 0.25 * n * n;
     double *cdf = t->row_cdf + first;
     float *density = t->density + first;
 
     for (uint32_t j = 0; j < n; j++) {
-        const double kept = importance_of(kind, texels[j].r, texels[j].g, texels[j].b) - less;
+        const double kept = rgb_luminance(texels[j].r, texels[j].g, texels[j].b) - less;
         cdf[j] = (kept > 0.0 ? kept : 0.0) * solid_angle[j];
     }
     if (t->has_sun)
@@ -320,7 +319,6 @@ enum err sky_table_build(struct sky_table *t, const struct environment *e, const
         return result;
     t->environment = e;
     t->desc = *desc;
-    t->importance = e->importance;
     t->mean = t->level = 0.0f;
     t->has_sun = false;
     t->sun_count = 0;
@@ -396,6 +394,6 @@ uint32_t sky_table_evaluate(const struct sky_table *t, const float w[3], float r
     rgb[1] = x->g;
     rgb[2] = x->b;
     *pdf = t->energy[stratum] > 0.0 ? (float)(t->density[at] * (double)jacobian / t->energy[stratum]) : 0.0f;
-    *sun_pdf = t->has_sun && importance_at(t, at) > t->level ? sky_table_sun(t, at, jacobian) : 0.0f;
+    *sun_pdf = t->has_sun && luminance_at(t, at) > t->level ? sky_table_sun(t, at, jacobian) : 0.0f;
     return stratum;
 }

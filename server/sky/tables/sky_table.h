@@ -2,7 +2,7 @@
  * stratified into cells of the faces and the sun. The light tracer and eye paths do not use them: they sample the whole
  * sky as one table (environment_sample).
  *
- * Let g(t) be importance (luminance, mean or maximum) x solid angle of texel t.
+ * Let g(t) be luminance x solid angle of texel t.
  * - Plain: samples of a cell are drawn in proportion to g over its texels.
  * - Sun: if there is a sun (below), cells keep the part of its texels up to level c, and the stratum `sun` takes the
  *   part above it. A direction in such a texel has two densities, both of which belong in the denominator of the
@@ -39,11 +39,11 @@ struct sky_table {
     uint32_t n, cells, strata; /* strata: 6 cells^2; stratum (face cells + i) cells + j for row i, column j */
     double *energy;            /* [strata]: sum of the shaped g, W m^-2 up to the scale */
     float (*corner)[4][3];     /* [strata]: unit vectors to the cell's corners, for F of [LPG13, Eq. 3] */
-    float *density;            /* [6][n][n]: shaped importance x solid angle x n^2 / 4, as texel.density */
+    float *density;            /* [6][n][n]: shaped luminance x solid angle x n^2 / 4, as texel.density */
     double *row_cdf;           /* [6][n][n]: CDF of the shaped g along each row within each cell */
     double *cell_cdf;          /* [6][cells][n]: CDF over rows within each cell, by face, column of cells, row */
 
-    float mean;           /* m, in units of importance; 0 unless sun or compensation was requested */
+    float mean;           /* m, in units of luminance; 0 unless sun or compensation was requested */
     float level;          /* c */
     bool has_sun;         /* requested, and there is one */
     double sun_energy;    /* sum of g above the level; 0 without a sun */
@@ -54,13 +54,12 @@ struct sky_table {
     double *sun_cdf;      /* [sun_count] */
     bool compensated;     /* requested, and the mean is > 0 */
 
-    enum importance importance; /* as of the build */
-    float *row_max;             /* [6][n]: maximum importance of each row of texels */
+    float *row_max; /* [6][n]: maximum luminance of each row of texels */
     uint32_t sun_capacity;
 };
 
 /* The level c of a sky, 16 times its clamped mean; 0 if less than 1/16 of the sphere is lit. row_max: float[6][n], out:
- * maximum importance of each row of texels. The result does not depend on the number of threads. */
+ * maximum luminance of each row of texels. The result does not depend on the number of threads. */
 float sky_level(const struct environment *e, float *row_max);
 
 /* Builds the table. e must be ready and unchanged while the table is used. ERR_USAGE: cells is not 1, 2, 4 or 8 or does

@@ -54,7 +54,6 @@ static void defaults_are_those_of_the_program(void **state)
     assert_string_equal(s->light.cache_file, "");
     assert_int_equal(s->light.direct.compensate, COMPENSATE_OFF);
     assert_false(s->light.direct.sun || s->light.direct.no_visibility);
-    assert_int_equal(s->environment.importance, IMPORTANCE_LUMINANCE);
     assert_int_equal(s->initial.tone, TONE_FILMIC);
     assert_true(s->initial.exposure_stops == EXPOSURE_FOLLOW);
     assert_null(s->set_desc.camera);
@@ -115,8 +114,7 @@ static void each_flag_arrives_where_it_is_meant(void **state)
     assert_string_equal(s->set_desc.camera, "roof");
     assert_true(s->set_desc.width == 3 && s->set_desc.height == 4);
 
-    assert_int_equal(read_line("--tune importance=max,no-visibility --paths direct", &r), ERR_OK);
-    assert_int_equal(s->environment.importance, IMPORTANCE_MAX);
+    assert_int_equal(read_line("--tune no-visibility --paths direct", &r), ERR_OK);
     assert_true(s->light.direct.no_visibility);
     assert_int_equal(s->light.classes, PATH_BACKGROUND | PATH_DIRECT);
 }
@@ -129,7 +127,6 @@ static void what_cannot_be_is_refused_by_its_name(void **state)
         { "--indirect both", "--indirect 'both' is unknown; expected auto, none, light or eye" },
         { "--tune start=ring", "--tune start 'ring' is unknown; expected faces, quad or disc" },
         { "--tune compensate=yes", "--tune compensate 'yes' is unknown; expected off, on or auto" },
-        { "--tune importance=least", "--tune importance 'least' is unknown; expected luminance, mean or max" },
         { "--tone aces", "--tone 'aces' is unknown; expected filmic, reinhard, linear, false-colour or pq" },
         { "--tune cells=3", "--tune cells '3' is not a power of two" },
         { "--samples 0", "--samples '0' is not a whole number from 1 to 1048576" },

@@ -143,14 +143,13 @@ static inline struct frame make_frame(int which)
     return f;
 }
 
-static inline struct environment *make_sky(int which, enum importance importance)
+static inline struct environment *make_sky(int which)
 {
     const struct sky_shape *s = &sky_shapes[which];
     const struct environment_desc desc = { .n = s->n,
                                            .layout = s->layout,
                                            .rotation_degrees = s->rotation_degrees,
-                                           .scale_stops = 1.0,
-                                           .importance = importance };
+                                           .scale_stops = 1.0 };
     struct environment *e = environment_create(&desc);
     struct frame f = make_frame(which);
     struct reason why;
@@ -161,9 +160,9 @@ static inline struct environment *make_sky(int which, enum importance importance
     return e;
 }
 
-static inline float importance_at(const struct environment *e, uint32_t at)
+static inline float luminance_at(const struct environment *e, uint32_t at)
 {
-    return importance_of(e->importance, e->texels[at].r, e->texels[at].g, e->texels[at].b);
+    return rgb_luminance(e->texels[at].r, e->texels[at].g, e->texels[at].b);
 }
 
 /* The middle of part (row, column) of a grid of `fine` x `fine` parts of a face, unit. */

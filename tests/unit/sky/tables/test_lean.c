@@ -6,10 +6,9 @@
 
 #include <omp.h>
 
-static struct environment *make(uint32_t n, enum importance importance, bool lean)
+static struct environment *make(uint32_t n, bool lean)
 {
-    struct environment *e =
-        environment_create(&(struct environment_desc){ .n = n, .importance = importance, .lean = lean });
+    struct environment *e = environment_create(&(struct environment_desc){ .n = n, .lean = lean });
 
     assert_non_null(e);
     return e;
@@ -56,37 +55,36 @@ static void it_comes_to_the_same_bits_once_completed(void **state)
     static const uint32_t sizes[] = { 1, 5, 8, 16, 29, 64 };
     (void)state;
 
-    for (size_t s = 0; s < sizeof(sizes) / sizeof(sizes[0]); s++)
-        for (int kind = IMPORTANCE_LUMINANCE; kind <= IMPORTANCE_MAX; kind++) {
-            struct environment *whole = make(sizes[s], (enum importance)kind, false);
-            struct environment *lean = make(sizes[s], (enum importance)kind, true);
-            for (int frame = 0; frame < 3; frame++) {
-                update(whole, 10.0f * (float)(frame + 1));
-                update(lean, 10.0f * (float)(frame + 1));
-                assert_true(environment_is_complete(whole) && !environment_is_complete(lean));
-                assert_false(environment_has_pyramid(lean));
-                assert_same_texels(whole, lean);
-                if (frame != 0) { /* the pyramid first: the rest of it is made without doing that again */
-                    environment_complete_pyramid(lean);
-                    assert_true(environment_has_pyramid(lean) && !environment_is_complete(lean));
-                    assert_same_pyramid(whole, lean);
-                }
-                if (frame == 1) /* the next finds what this one has completed, and must not believe in it */
-                    continue;
-                environment_complete(lean);
-                environment_complete(whole);
-                assert_true(environment_is_complete(lean));
-                assert_same_texels(whole, lean);
-                assert_same_rest(whole, lean);
+    for (size_t s = 0; s < sizeof(sizes) / sizeof(sizes[0]); s++) {
+        struct environment *whole = make(sizes[s], false);
+        struct environment *lean = make(sizes[s], true);
+        for (int frame = 0; frame < 3; frame++) {
+            update(whole, 10.0f * (float)(frame + 1));
+            update(lean, 10.0f * (float)(frame + 1));
+            assert_true(environment_is_complete(whole) && !environment_is_complete(lean));
+            assert_false(environment_has_pyramid(lean));
+            assert_same_texels(whole, lean);
+            if (frame != 0) { /* the pyramid first: the rest of it is made without doing that again */
+                environment_complete_pyramid(lean);
+                assert_true(environment_has_pyramid(lean) && !environment_is_complete(lean));
+                assert_same_pyramid(whole, lean);
             }
-            environment_destroy(whole);
-            environment_destroy(lean);
+            if (frame == 1) /* the next finds what this one has completed, and must not believe in it */
+                continue;
+            environment_complete(lean);
+            environment_complete(whole);
+            assert_true(environment_is_complete(lean));
+            assert_same_texels(whole, lean);
+            assert_same_rest(whole, lean);
         }
+        environment_destroy(whole);
+        environment_destroy(lean);
+    }
 }
 
 static void leanness_may_change_from_frame_to_frame(void **state)
 {
-    struct environment *whole = make(16, IMPORTANCE_LUMINANCE, false), *e = make(16, IMPORTANCE_LUMINANCE, true);
+    struct environment *whole = make(16, false), *e = make(16, true);
     (void)state;
 
     for (int frame = 0; frame < 4; frame++) {
@@ -104,7 +102,7 @@ static void leanness_may_change_from_frame_to_frame(void **state)
 
 static void threads_that_want_it_at_once_all_get_it(void **state)
 {
-    struct environment *whole = make(64, IMPORTANCE_LUMINANCE, false), *lean = make(64, IMPORTANCE_LUMINANCE, true);
+    struct environment *whole = make(64, false), *lean = make(64, true);
     int wrong = 0;
     (void)state;
 

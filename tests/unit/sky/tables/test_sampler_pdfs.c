@@ -1,5 +1,5 @@
-/* Every sampler of the room on every sky where samplers fail, and by each importance: its density integrates to 1, its
- * samples follow what the density claims, each sample is found again in the stratum that it was drawn from, and the
+/* Every sampler of the room on every sky where samplers fail: its density integrates to 1, its samples
+ * follow what the density claims, each sample is found again in the stratum that it was drawn from, and the
  * density is positive exactly where there is light to be had.
  *
  * A sampler here is a set of strata, each with a density over the sphere. What a stratum should do with a texel is
@@ -33,7 +33,7 @@ static bool sampler_init(struct sampler *s, const struct environment *e, int whi
 
     *s = (struct sampler){ .kind = t < 0 ? (enum sampler_kind)which : TABLE, .e = e, .strata = 1 };
     for (uint32_t at = 1; at < CUBE_FACES * e->n * e->n; at++)
-        s->brightest = importance_at(e, at) > importance_at(e, s->brightest) ? at : s->brightest;
+        s->brightest = luminance_at(e, at) > luminance_at(e, s->brightest) ? at : s->brightest;
     if (s->kind == FACES)
         s->strata = CUBE_FACES;
     if (s->kind == LATLONG_ROWS || s->kind == LATLONG)
@@ -54,23 +54,19 @@ static void sampler_finish(struct sampler *s)
     latlong_finish(&s->latlong);
 }
 
-/* Calls `claim` for every sampler on every sky; on skies with colours by every importance. */
+/* Calls `claim` for every sampler on every sky. */
 static void for_all(void (*claim)(const struct sampler *s, uint64_t seed))
 {
-    for (int sky = 0; sky < SKY_COUNT; sky++)
-        for (int importance = IMPORTANCE_LUMINANCE; importance <= IMPORTANCE_MAX; importance++) {
-            const bool colours = sky == SKY_SEVEN || sky == SKY_UPSIDE || sky == SKY_BLUE;
-            if (importance != IMPORTANCE_LUMINANCE && !colours)
-                continue;
-            struct environment *e = make_sky(sky, (enum importance)importance);
-            for (int which = 0; which < SAMPLERS; which++) {
-                struct sampler s;
-                if (sampler_init(&s, e, which))
-                    claim(&s, rng_mix(sky, 100 * (uint64_t)importance + (uint64_t)which));
-                sampler_finish(&s);
-            }
-            environment_destroy(e);
+    for (int sky = 0; sky < SKY_COUNT; sky++) {
+        struct environment *e = make_sky(sky);
+        for (int which = 0; which < SAMPLERS; which++) {
+            struct sampler s;
+            if (sampler_init(&s, e, which))
+                claim(&s, rng_mix(sky, (uint64_t)which));
+            sampler_finish(&s);
         }
+        environment_destroy(e);
+    }
 }
 
 static bool is_lit(const struct sampler *s, uint32_t stratum)
@@ -188,7 +184,7 @@ static bool is_sun(const struct sampler *s, uint32_t texel)
     const uint32_t n = s->e->n;
     float a[3], b[3];
 
-    if (!s->table.has_sun || !(importance_at(s->e, texel) > s->table.level))
+    if (!s->table.has_sun || !(luminance_at(s->e, texel) > s->table.level))
         return false;
     grid_direction(n, s->brightest / (n * n), s->brightest / n % n, s->brightest % n, a);
     grid_direction(n, texel / (n * n), texel / n % n, texel % n, b);
@@ -200,7 +196,7 @@ static bool is_sun(const struct sampler *s, uint32_t texel)
 static double shape(const struct sampler *s, uint32_t stratum, uint32_t texel)
 {
     const uint32_t n = s->e->n, cells = s->desc.cells, m = n / cells;
-    const double all = importance_at(s->e, texel), level = s->table.level;
+    const double all = luminance_at(s->e, texel), level = s->table.level;
     const double less = s->table.compensated ? 0.5 * s->table.mean : 0.0;
 
     if (stratum == s->table.strata)
@@ -218,13 +214,13 @@ static double weigh(const struct sampler *s, uint32_t stratum, uint32_t bin)
     if (on_source(s)) {
         const float *t = s->e->image.rgb + 3 * (size_t)bin;
         const double a = PI * (bin / width) / height, b = PI * (bin / width + 1) / height;
-        return importance_of(s->e->importance, t[0], t[1], t[2]) * sin(0.5 * (a + b)) * sin(0.5 * (b - a));
+        return rgb_luminance(t[0], t[1], t[2]) * sin(0.5 * (a + b)) * sin(0.5 * (b - a));
     }
     if (s->kind == TABLE)
         return shape(s, stratum, bin);
     if (s->kind == FACES && bin / (n * n) != stratum)
         return 0.0;
-    return grid_solid_angle(n, bin / n % n, bin % n) * (s->kind == SPHERE ? 1.0 : importance_at(s->e, bin));
+    return grid_solid_angle(n, bin / n % n, bin % n) * (s->kind == SPHERE ? 1.0 : luminance_at(s->e, bin));
 }
 
 /* Midpoint rule on parts of texels, each with its exact solid angle. */
@@ -349,7 +345,7 @@ static void many_samples_follow_their_densities(void **state)
     static const int kinds[] = { WHOLE, FACES, LATLONG_ROWS, LATLONG, TABLE, TABLE + 3, TABLE + 13, TABLE + 15 };
     (void)state;
     for (int k = 0; k < 8; k++) {
-        struct environment *e = make_sky(k & 1 ? SKY_SUN : SKY_CONTRAST, IMPORTANCE_LUMINANCE);
+        struct environment *e = make_sky(k & 1 ? SKY_SUN : SKY_CONTRAST);
         struct sampler s;
         assert_true(sampler_init(&s, e, kinds[k]));
         compare_histograms(&s, 1000 + (uint64_t)k, seeds_count(1 << 19, 1 << 21));
@@ -389,7 +385,7 @@ static void covers_the_lit(const struct sampler *s, uint64_t seed)
         return;
     for (uint32_t at = 0; at < CUBE_FACES * n * n; at++) {
         grid_direction(n, at / (n * n), at / n % n, at % n, w);
-        const float pdf = density(s, w, rgb, &stratum, &sun), g = importance_at(s->e, at);
+        const float pdf = density(s, w, rgb, &stratum, &sun), g = luminance_at(s->e, at);
         const bool lit = rgb[0] > 0.0f || rgb[1] > 0.0f || rgb[2] > 0.0f;
         const bool reached = (pdf > 0.0f && is_lit(s, stratum)) || (sun > 0.0f && is_lit(s, s->strata - 1));
         assert_true(pdf >= 0.0f && isfinite(pdf) && sun >= 0.0f && isfinite(sun));

@@ -8,7 +8,7 @@ static void densities_integrate_to_one(void **state)
 {
     (void)state;
     for (int s = 0; s < SKY_COUNT; s++) {
-        struct environment *e = make_sky(s, IMPORTANCE_LUMINANCE);
+        struct environment *e = make_sky(s);
         const uint32_t fine = e->n * (e->n > 4 ? 8 : 64);
         for (uint32_t face = 0; face < 6; face++) {
             double sum = 0.0;
@@ -35,7 +35,7 @@ static void every_lit_texel_has_density(void **state)
 {
     (void)state;
     for (int s = 0; s < SKY_COUNT; s++) {
-        struct environment *e = make_sky(s, IMPORTANCE_LUMINANCE);
+        struct environment *e = make_sky(s);
         for (size_t t = 0; t < 6 * (size_t)e->n * e->n; t++) {
             const bool lit = e->texels[t].r > 0 || e->texels[t].g > 0 || e->texels[t].b > 0;
             assert_int_equal(lit, e->texels[t].density > 0);
@@ -52,7 +52,7 @@ static void samples_follow_luminance_times_solid_angle(void **state)
     enum { N = 1 << 17 };
     (void)state;
     for (int s = 0; s < SKY_COUNT; s++) {
-        struct environment *e = make_sky(s, IMPORTANCE_LUMINANCE);
+        struct environment *e = make_sky(s);
         const uint32_t n = e->n;
         uint32_t *count = mem_alloc((size_t)n * n, sizeof(*count));
         for (uint32_t face = 0; face < 6; face++) {
@@ -100,7 +100,7 @@ static void samples_follow_luminance_times_solid_angle(void **state)
 static void the_dim_part_beside_a_sun_is_sampled_in_proportion(void **state)
 {
     (void)state;
-    struct environment *e = make_sky(SKY_SUN, IMPORTANCE_LUMINANCE);
+    struct environment *e = make_sky(SKY_SUN);
     uint32_t face = 0;
     for (uint32_t f = 1; f < 6; f++)
         face = e->energy[f] > e->energy[face] ? f : face;
@@ -132,7 +132,7 @@ static void drawn_samples_are_unit_and_consistent(void **state)
     struct light_samples s = { 0 };
     (void)state;
     for (int which = 0; which < SKY_COUNT; which++) {
-        struct environment *e = make_sky(which, IMPORTANCE_LUMINANCE);
+        struct environment *e = make_sky(which);
         for (int kind = STRATA_SPHERE; kind <= STRATA_FACES; kind++) {
             assert_int_equal(samples_draw(e, (enum strata_kind)kind, 64, 3, &s), ERR_OK);
             for (uint32_t k = 0; k < s.first[s.strata]; k++) {
@@ -150,7 +150,7 @@ static void black_faces_get_no_samples(void **state)
 {
     struct light_samples s = { 0 };
     (void)state;
-    struct environment *e = make_sky(SKY_SEAM, IMPORTANCE_LUMINANCE);
+    struct environment *e = make_sky(SKY_SEAM);
     assert_int_equal(samples_draw(e, STRATA_FACES, 16, 0, &s), ERR_OK);
     for (uint32_t f = 0; f < 6; f++)
         assert_int_equal(s.first[f + 1] - s.first[f], e->energy[f] > 0.0 ? 16 : 0);
@@ -158,49 +158,21 @@ static void black_faces_get_no_samples(void **state)
     environment_destroy(e);
 }
 
-static void importances_have_names_that_parse(void **state)
+/* A sky of one colour: what luminance makes of it is known. */
+static void texels_are_weighed_by_luminance(void **state)
 {
-    static const char *const names[] = { "luminance", "mean", "max" };
-    int got = IMPORTANCE_MAX;
+    struct environment *e = environment_create(&(struct environment_desc){ .n = 8 });
+    struct frame f = sky_constant(2, 1, 0.0f);
     struct reason why;
     (void)state;
 
-    for (int k = 0; k < 3; k++) {
-        assert_int_equal(choice_parse(importance_choices, 0, "importance", names[k], &got, &why), ERR_OK);
-        assert_int_equal(got, k);
-        assert_string_equal(choice_name(importance_choices, got), names[k]);
-    }
-    assert_int_equal(choice_parse(importance_choices, 0, "importance", "average", &got, &why), ERR_USAGE);
-    assert_int_equal(got, IMPORTANCE_MAX);
-    assert_non_null(strstr(why.text, "'average'"));
-    for (int k = 0; k < 3; k++)
-        assert_non_null(strstr(why.text, names[k]));
-    assert_int_equal(choice_parse(importance_choices, 0, "importance", "", &got, NULL), ERR_USAGE);
-}
-
-/* A sky of one colour: what the three make of it is known. A description of zeros means luminance. */
-static void importance_weighs_the_colours_as_it_says(void **state)
-{
-    static const double want[] = { 0.2126 * 0.5 + 0.7152 * 0.25 + 0.0722 * 1.0, 1.75 / 3.0, 1.0 };
-    (void)state;
-    for (int k = 0; k < 4; k++) {
-        struct environment_desc desc = { .n = 8, .importance = (enum importance)(k % 3) };
-        struct environment *e = environment_create(k < 3 ? &desc : &(struct environment_desc){ .n = 8 });
-        struct frame f = sky_constant(2, 1, 0.0f);
-        struct reason why;
-        for (uint32_t x = 0; x < 2; x++)
-            sky_paint(&f, x, 0, 0.5f, 0.25f, 1.0f);
-        assert_non_null(e);
-        assert_int_equal(environment_update(e, &f, &why), ERR_OK);
-        assert_true(fabs(e->total_energy / (4.0 * PI) - want[k % 3]) < 1e-6);
-        desc.importance = IMPORTANCE_MAX; /* from the next update on */
-        environment_configure(e, &desc);
-        assert_true(fabs(e->total_energy / (4.0 * PI) - want[k % 3]) < 1e-6);
-        assert_int_equal(environment_update(e, &f, &why), ERR_OK);
-        assert_true(fabs(e->total_energy / (4.0 * PI) - want[2]) < 1e-6);
-        frame_finish(&f);
-        environment_destroy(e);
-    }
+    assert_non_null(e);
+    for (uint32_t x = 0; x < 2; x++)
+        sky_paint(&f, x, 0, 0.5f, 0.25f, 1.0f);
+    assert_int_equal(environment_update(e, &f, &why), ERR_OK);
+    assert_true(fabs(e->total_energy / (4.0 * PI) - (0.2126 * 0.5 + 0.7152 * 0.25 + 0.0722 * 1.0)) < 1e-6);
+    frame_finish(&f);
+    environment_destroy(e);
 }
 
 static const struct CMUnitTest tests[] = {
@@ -210,7 +182,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_dim_part_beside_a_sun_is_sampled_in_proportion),
     cmocka_unit_test(drawn_samples_are_unit_and_consistent),
     cmocka_unit_test(black_faces_get_no_samples),
-    cmocka_unit_test(importances_have_names_that_parse),
-    cmocka_unit_test(importance_weighs_the_colours_as_it_says),
+    cmocka_unit_test(texels_are_weighed_by_luminance),
 };
 UNIT_MAIN(tests)

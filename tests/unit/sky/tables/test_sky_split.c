@@ -16,7 +16,7 @@ static void sum_energies(const struct sky_split *s, const struct environment *e,
             parts[c] += (double)s->cells[k / SKY_CHUNK][c][k % SKY_CHUNK] * sky_cell_solid_angle(k);
     for (uint32_t k = 0; k < s->sun_count; k++) {
         const struct texel *t = &e->texels[s->sun[k]];
-        const float g = importance_of(e->importance, t->r, t->g, t->b);
+        const float g = rgb_luminance(t->r, t->g, t->b);
         const double part = (1.0 - (double)sky_lower(s->level, g)) * e->solid_angle[s->sun[k] % (n * n)];
         parts[0] += part * (double)t->r;
         parts[1] += part * (double)t->g;
@@ -138,7 +138,7 @@ static void samples_of_the_bright_part_give_its_energy(void **state)
         rng_sobol2(5, i, x);
         sky_split_sample(&s, e, x, w, rgb);
         const uint32_t at = cube_texel(e->n, w, &u, &v);
-        assert_true(importance_of(e->importance, e->texels[at].r, e->texels[at].g, e->texels[at].b) > s.level);
+        assert_true(rgb_luminance(e->texels[at].r, e->texels[at].g, e->texels[at].b) > s.level);
         for (int c = 0; c < 3; c++)
             sum[c] += (double)rgb[c] / SAMPLES;
     }

@@ -58,7 +58,7 @@ static void one_plain_cell_is_the_face_itself(void **state)
     struct sky_table t = { 0 };
     (void)state;
     for (int sky = 0; sky < SKY_COUNT; sky++) {
-        struct environment *e = make_sky(sky, IMPORTANCE_LUMINANCE);
+        struct environment *e = make_sky(sky);
         struct rng r = { 5 };
         build(&t, e, 1, false, false);
         assert_int_equal(t.strata, CUBE_FACES);
@@ -82,13 +82,13 @@ static void one_plain_cell_is_the_face_itself(void **state)
     sky_table_finish(&t);
 }
 
-/* What the strata draw in all is what there is: sum of energy x density = importance, texel by texel, sun or not. */
-static void strata_share_out_the_whole_importance(void **state)
+/* What the strata draw in all is what there is: sum of energy x density = luminance, texel by texel, sun or not. */
+static void strata_share_out_the_whole_luminance(void **state)
 {
     struct sky_table t = { 0 };
     (void)state;
     for (int k = 0; k < 8 * SKY_COUNT; k++) {
-        struct environment *e = make_sky(k / 8, (enum importance)(k % 3));
+        struct environment *e = make_sky(k / 8);
         const uint32_t n = e->n, cells = 1u << (k >> 1 & 3);
         build(&t, e, n % cells ? 1 : cells, k & 1, false);
         for (uint32_t at = 0; at < CUBE_FACES * n * n; at++) {
@@ -109,7 +109,7 @@ static void corners_enclose_their_cell(void **state)
     struct sky_table t = { 0 };
     struct rng r = { 2 };
     (void)state;
-    struct environment *e = make_sky(SKY_OVERCAST, IMPORTANCE_LUMINANCE);
+    struct environment *e = make_sky(SKY_OVERCAST);
     for (uint32_t cells = 1; cells <= CELLS_MAX; cells *= 2) {
         build(&t, e, cells, false, false);
         for (uint32_t s = 0; s < t.strata; s++)
@@ -142,11 +142,11 @@ static void the_level_is_sixteen_times_the_mean_cut_there(void **state)
     struct sky_table t = { 0 };
     (void)state;
     for (size_t k = 0; k < sizeof(skies) / sizeof(skies[0]); k++) {
-        struct environment *e = make_sky(skies[k], (enum importance)(k % 3));
+        struct environment *e = make_sky(skies[k]);
         double mean = 0.0;
         build(&t, e, 1, true, false);
         for (uint32_t at = 0; at < CUBE_FACES * e->n * e->n; at++)
-            mean += fmin(importance_at(e, at), t.level) * e->solid_angle[at % (e->n * e->n)] / (4.0 * PI);
+            mean += fmin(luminance_at(e, at), t.level) * e->solid_angle[at % (e->n * e->n)] / (4.0 * PI);
         assert_true(mean > 0.0);
         assert_true(fabs(t.level / (16.0 * mean) - 1.0) < 0.04);
         assert_true(t.mean == (float)(t.level / 16.0f));
@@ -214,7 +214,7 @@ static void what_is_no_sun_stays_in_the_cells(void **state)
     struct sky_table t = { 0 };
     (void)state;
     for (size_t k = 0; k < sizeof(skies) / sizeof(skies[0]); k++) {
-        struct environment *e = make_sky(skies[k], IMPORTANCE_LUMINANCE);
+        struct environment *e = make_sky(skies[k]);
         build(&t, e, 1, true, false);
         assert_true(!t.has_sun && t.sun_count == 0 && t.sun_energy == 0.0);
         environment_destroy(e);
@@ -257,15 +257,15 @@ static void compensation_takes_half_of_the_mean(void **state)
     (void)state;
     for (int k = 0; k < 3; k++) {
         struct environment *e = k == 0   ? sky_environment(sky_constant(8, 4, 3.0f), 16, 0.0)
-                                : k == 1 ? make_sky(SKY_BLACK, IMPORTANCE_LUMINANCE)
-                                         : make_sky(SKY_SUN, IMPORTANCE_MEAN);
+                                : k == 1 ? make_sky(SKY_BLACK)
+                                         : make_sky(SKY_SUN);
         double want = 0.0, got = 0.0;
         build(&t, e, 2, false, true);
         build(&plain, e, 2, false, false);
         assert_int_equal(t.compensated, k != 1);
         assert_true(!plain.compensated && plain.mean == 0.0f);
         for (uint32_t at = 0; at < CUBE_FACES * e->n * e->n; at++)
-            want += fmax(0.0, importance_at(e, at) - 0.5 * t.mean) * e->solid_angle[at % (e->n * e->n)];
+            want += fmax(0.0, luminance_at(e, at) - 0.5 * t.mean) * e->solid_angle[at % (e->n * e->n)];
         for (uint32_t s = 0; s < t.strata; s++) {
             got += t.energy[s];
             if (k == 0)
@@ -303,7 +303,7 @@ static void the_same_bits_at_any_number_of_threads_and_in_used_memory(void **sta
     struct sky_table used = { 0 };
     (void)state;
     for (int sky = 0; sky < SKY_COUNT; sky++) {
-        struct environment *e = make_sky(sky, IMPORTANCE_LUMINANCE);
+        struct environment *e = make_sky(sky);
         const uint32_t cells = e->n % 4 ? 1 : 4;
         uint64_t want = 0;
         for (int threads = 1; threads <= 5; threads++) {
@@ -389,7 +389,7 @@ static void captured_skies_have_the_suns_that_are_seen(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(cells_that_do_not_fit_are_refused),
     cmocka_unit_test(one_plain_cell_is_the_face_itself),
-    cmocka_unit_test(strata_share_out_the_whole_importance),
+    cmocka_unit_test(strata_share_out_the_whole_luminance),
     cmocka_unit_test(corners_enclose_their_cell),
     cmocka_unit_test(the_level_is_sixteen_times_the_mean_cut_there),
     cmocka_unit_test(the_level_does_not_rise_with_the_sun),
