@@ -3,6 +3,7 @@
 #include "base/luminance.h"
 #include "base/vec.h"
 #include "scene/geometry/coverage.h"
+#include "scene/geometry/scatter_hit.h"
 #include "sky/daylight/sun.h"
 #include "year/spiral.h"
 

@@ -10,7 +10,7 @@
 #include <string.h>
 
 #define BLACK 1e-3f /* a colour below is none */
-#define F0 0.04f    /* of a dielectric, as in ggx_f0 */
+#define F0 0.04f    /* of a dielectric, as in material.c */
 
 /* The textures that a pair of textures and factors has become. */
 struct glossy_known {

@@ -1,4 +1,4 @@
-/* KHR_materials_pbrSpecularGlossiness as `ggx`. Private to this room. Thread: one at a time. */
+/* KHR_materials_pbrSpecularGlossiness as metallic-roughness. Private to this room. Thread: one at a time. */
 #pragma once
 
 #include "import/formats/gltf_source.h"

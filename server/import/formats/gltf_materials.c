@@ -150,7 +150,7 @@ static enum err read_roughness_texture(struct gltf_source *s, const struct gltf_
     const enum err e = gltf_texture_numbers(&s->images, at, GREEN | BLUE, ROUGHNESS_ALONE, &t);
     if (e || !t.found)
         return e;
-    if (t.texture != MATERIAL_NO_TEXTURE && m->kind == MATERIAL_GGX &&
+    if (t.texture != MATERIAL_NO_TEXTURE && material_has_finish(m) &&
         gltf_place_texture(s, m, MAP_ROUGHNESS, surface, &t.surface)) {
         m->maps |= MAP_ROUGHNESS;
         m->roughness_texture = t.texture;
@@ -285,7 +285,7 @@ static enum err read_diffuse_transmission(struct gltf_source *s, const struct gl
     const struct gltf_at texture = gltf_key(&own, "diffuseTransmissionColorTexture");
 
     m->through_texture = MATERIAL_NO_TEXTURE;
-    if (!own.value || m->kind != MATERIAL_GGX)
+    if (!own.value || !material_has_finish(m))
         return ERR_OK;
     enum err e = gltf_share(s, &own, "diffuseTransmissionFactor", 0.0, &m->transmits);
     if (!e)
@@ -393,9 +393,9 @@ static enum err add_material(struct gltf_source *s, const struct gltf_at *at, st
     const bool unlit = m.kind == MATERIAL_LAMBERT;
     if (!e)
         e = read_diffuse_transmission(s, at, &m, surface);
-    if (!e && transmission > 0.0f && m.kind == MATERIAL_GGX)
+    if (!e && transmission > 0.0f && material_has_finish(&m))
         approximate_transmission(s, transmission, frosted, &m);
-    if (!e && !glossy.value && m.kind == MATERIAL_GGX)
+    if (!e && !glossy.value && material_has_finish(&m))
         e = read_specular(s, at, &m);
     if (!e && !glossy.value)
         e = read_roughness_texture(s, &roughness, &m, surface);

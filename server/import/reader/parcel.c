@@ -217,7 +217,7 @@ static bool lacks_map(const struct parcel *p, const struct material *m, enum mat
 
 static enum err check_maps(const struct parcel *p, const struct material *m)
 {
-    if ((m->maps & ~(uint32_t)MAPS_ALL) || ((m->maps & MAP_ROUGHNESS) && m->kind != MATERIAL_GGX))
+    if ((m->maps & ~(uint32_t)MAPS_ALL) || ((m->maps & MAP_ROUGHNESS) && !material_has_finish(m)))
         return forged(p, "a material has maps that it cannot have");
     if ((m->second & ~(m->maps | MAPS_COLOURS)) || (m->moved & ~(m->maps & MAPS_MOVED)) ||
         !within(m->moved_by[0], 12, -MOVED_MAX, MOVED_MAX))
@@ -243,7 +243,7 @@ static enum err check_material(const struct parcel *p, const struct material *m)
     if (!is_text(m->name, sizeof(m->name)))
         return forged(p, "the name of a material has no end");
     if ((uint32_t)m->kind > MATERIAL_GLASS || !is_colour(m->diffuse) ||
-        !is_colour(m->kind == MATERIAL_GGX ? f0 : m->specular) || (m->kind == MATERIAL_PHONG && !is_colour(sum)) ||
+        !is_colour(material_has_finish(m) ? f0 : m->specular) || (m->kind == MATERIAL_PHONG && !is_colour(sum)) ||
         !within(&m->exponent, 1, 0.0f, 1e6f) || !within(&m->metallic, 1, 0.0f, 1.0f + SLACK) ||
         !within(&m->roughness, 1, 0.0f, 1.0f + SLACK) ||
         (m->kind == MATERIAL_GLASS && !within(&m->ior, 1, 0.25f, 4.0f)) ||
@@ -251,7 +251,7 @@ static enum err check_material(const struct parcel *p, const struct material *m)
         !within(&m->transmits, 1, 0.0f, 1.0f) || !is_colour(m->through) || !within(&m->coat, 2, 0.0f, 1.0f + SLACK) ||
         m->coat_bent > 1 || !is_colour(m->sheen) || !within(&m->sheen_roughness, 1, 0.0f, 1.0f + SLACK) ||
         ((m->transmits > 0.0f || m->coat > 0.0f || m->sheen.x + m->sheen.y + m->sheen.z > 0.0f) &&
-         m->kind != MATERIAL_LAMBERT && m->kind != MATERIAL_GGX))
+         !material_has_layers(m)))
         return forged(p, "a material is out of range");
     if (m->ground != 0) /* is added afterwards */
         return forged(p, "a material says that it is the ground's");

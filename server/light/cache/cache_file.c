@@ -13,7 +13,7 @@
 #include <unistd.h>
 #include <zlib.h>
 
-#define VERSION 3         /* 1: keys were digests of another kind; 2: ggx had another matte part */
+#define VERSION 3         /* 1: keys were digests of another kind; 2: the matte part below highlights was another */
 #define ORDER 0x01020304u /* which reads otherwise where bytes have another order */
 #define BUFFER ((size_t)1 << 18)
 

@@ -27,17 +27,10 @@ struct transport_desc transport_resolve(const struct transport_desc *desc)
     return d;
 }
 
-static bool shines(const struct shade_packet *p, uint32_t l)
-{
-    if (p->kind == LOBE_PHONG)
-        return p->specular[0][l] > 0.0f || p->specular[1][l] > 0.0f || p->specular[2][l] > 0.0f;
-    return p->kind == LOBE_GGX && p->gloss[l] > 0.0f;
-}
-
 static bool is_narrow(const struct shade_packet *p)
 {
     for (uint32_t l = 0; l < p->count; l++)
-        if (shines(p, l) && (p->kind == LOBE_PHONG ? p->gloss[l] > TRANSPORT_EXPONENT : p->gloss[l] < TRANSPORT_ALPHA))
+        if (lobe_is_narrow(p, l, TRANSPORT_EXPONENT, TRANSPORT_ALPHA))
             return true;
     return false;
 }
@@ -45,8 +38,8 @@ static bool is_narrow(const struct shade_packet *p)
 static uint32_t rows_of(const struct shade_packet *p)
 {
     for (uint32_t l = 0; l < p->count; l++)
-        if (shines(p, l))
-            return p->kind == LOBE_PHONG ? 2 : 3;
+        if (lobe_shines(p, l))
+            return lobe_rows((enum lobe_kind)p->kind);
     return 1;
 }
 

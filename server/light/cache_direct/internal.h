@@ -2,13 +2,8 @@
  * Contains data structures and the loops that are compiled once per CPU level. Thread: one per object, unless stated
  * otherwise.
  *
- * A row is a part of BRDF times cosine, without the colour that multiplies it, so that the cache is independent of
- * colours and textures (lobes.h has the BRDFs; F0 is the specular colour):
- *     lambert  row 0: cos / pi, by diffuse
- *     phong    row 0: cos / pi, by diffuse;   row 1: its lobe, by specular
- *     ggx      row 0: (1 - F(n.w)) (1 - F(n.o)) cos / pi of F0 = 0, by (1 - F0)^2 diffuse;
- *              row 1: D V (1 - s), by F0;   row 2: D V s, by 1;   s = (1 - o.h)^5, F = F0 (1 - s) + s
- * A block is up to four consecutive packets of one kind. A piece is one row of a block. */
+ * A row is a part of BRDF times cosine, without the colour that multiplies it (lobe_rows). A block is up to four
+ * consecutive packets of one kind. A piece is one row of a block. */
 #pragma once
 
 #include "light/cache/cache_file.h"

@@ -289,12 +289,12 @@ static inline void look_at(const struct transport_look *look, const float w[3], 
 static void gaze(const struct transport_look *look, const struct shade_packet *p, const struct transport_gaze *gazes,
                  float *lo)
 {
-    const bool ggx = p->kind == LOBE_GGX;
+    const bool three = lobe_rows((enum lobe_kind)p->kind) > 2;
 
     for (uint32_t i = 0; i < TRANSPORT_GAZES; i++) {
         const struct transport_gaze *q = &gazes[i];
         for (uint32_t l = 0; l < p->count; l++) {
-            const float w[3] = { q->x[l], q->y[l], q->z[l] }, by_one = ggx ? q->by_one[l] : 0.0f;
+            const float w[3] = { q->x[l], q->y[l], q->z[l] }, by_one = three ? q->by_one[l] : 0.0f;
             float rgb[3];
             if (!(q->by_specular[l] + by_one > 0.0f))
                 continue;

@@ -1,6 +1,7 @@
 /* The loops that trace the sun of a frame's sky (light/cache_direct/internal.h): compiled once per CPU level, see
  * CMakeLists.txt. */
 #include "light/cache_direct/internal.h"
+#include "scene/geometry/lane_rays.h"
 #include "scene/surface/lobes.h"
 
 #include <math.h>

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "light/cache_direct/internal.h"
+#include "scene/geometry/lane_rays.h"
 #include "scene/surface/lobes.h"
 
 #include <math.h>

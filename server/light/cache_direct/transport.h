@@ -27,8 +27,8 @@
 #include <stdint.h>
 
 /* A lobe is narrow if it falls to half its peak within a cell's 5.6 degrees: above this Phong exponent, or below this
- * ggx alpha. cos^150 falls to a half at 5.5 degrees; D of ggx falls to a half at 1.29 alpha, measured on the half
- * vector, which turns half as fast. */
+ * alpha (lobe_is_narrow). cos^150 falls to a half at 5.5 degrees; microfacets fall to a half at 1.29 alpha, measured on
+ * the half vector, which turns half as fast. */
 #define TRANSPORT_EXPONENT 150.0f
 #define TRANSPORT_ALPHA 0.075f
 

@@ -25,17 +25,14 @@ uint64_t indirect_steps(const struct gbuffer *g)
 }
 
 /* Lobes that fall to a half within 1.5 degrees would make the records visible, which are constant over a voxel. */
-static bool is_sharp(const struct shade_packet *p, uint32_t l)
-{
-    return p->kind == LOBE_PHONG ? p->gloss[l] > 2000.0f
-                                 : p->kind == LOBE_GGX && p->gloss[l] > 0.0f && p->gloss[l] < 0.02f;
-}
+#define SHARP_EXPONENT 2000.0f
+#define SHARP_ALPHA 0.02f
 
 static bool has_sharp(const struct gbuffer *g, const struct transport_block *b)
 {
     for (uint32_t k = 0; k < b->packets; k++)
         for (uint32_t l = 0; l < g->packets[b->first + k].count; l++)
-            if (is_sharp(&g->packets[b->first + k], l))
+            if (lobe_is_narrow(&g->packets[b->first + k], l, SHARP_EXPONENT, SHARP_ALPHA))
                 return true;
     return false;
 }
@@ -49,7 +46,7 @@ static enum err take_blocks(struct indirect_cache *b, const struct transport *t)
         return ERR_NOMEM;
     for (uint32_t k = 0; k < t->block_count; k++) {
         const struct transport_block *from = &t->blocks[k];
-        const uint32_t all = t->gbuffer->packets[from->first].kind == LOBE_GGX ? 3 : 2;
+        const uint32_t all = lobe_rows((enum lobe_kind)t->gbuffer->packets[from->first].kind);
         if (!from->narrow || !has_sharp(t->gbuffer, from))
             b->blocks[b->block_count++] = (struct indirect_block){ .first = from->first,
                                                                    .packets = from->packets,

@@ -10,8 +10,8 @@
 #include "light/cache/cache_share.h"
 #include "light/cache_direct/internal.h"
 #include "light/cache_indirect/indirect.h"
-#include "scene/geometry/scatter.h"
 #include "scene/surface/lobe.h"
+#include "scene/surface/scatter.h"
 
 #define INDIRECT_BASIS_MAX 128 /* K, a multiple of 16 */
 

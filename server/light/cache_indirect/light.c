@@ -159,7 +159,7 @@ static uint32_t direction(const struct indirect_build *b, uint32_t cell, uint64_
 }
 
 /* Traces four directions from each spot of a record, through effort.cells neighbouring cells, in the order of sky_cell:
- * out[cell] is the mean of cos / pi (for ggx, of the matte part's share of it) times the solid angle. */
+ * out[cell] is the mean of cos / pi (of the share that enters the matte part) times the solid angle. */
 static void light_by(const struct indirect_build *b, const struct indirect_spot *spots, struct ray16 *ray,
                      uint32_t cell, float out[PACKET], uint64_t *rays)
 {
@@ -173,10 +173,9 @@ static void light_by(const struct indirect_build *b, const struct indirect_spot 
         const float x = b->directions.x[at], y = b->directions.y[at], z = b->directions.z[at];
         const struct indirect_spot *s = &spots[l % INDIRECT_SPOTS];
         const float above = s->geometric.x * x + s->geometric.y * y + s->geometric.z * z;
-        const float cosine = s->shading.x * x + s->shading.y * y + s->shading.z * z, q = 1.0f - cosine;
-        const float enter = s->kind == LOBE_GGX ? 1.0f - q * q * q * q * q : 1.0f;
+        const float cosine = s->shading.x * x + s->shading.y * y + s->shading.z * z;
         valid[l] = above > 0.0f && cosine > 0.0f ? -1 : 0;
-        value[l] = cosine * enter * b->directions.weight[at];
+        value[l] = cosine * lobe_enters_single(s->kind, cosine) * b->directions.weight[at];
         count += valid[l] != 0;
         ray->dir_x[l] = x;
         ray->dir_y[l] = y;

@@ -44,7 +44,7 @@ static int level_of(const struct indirect_records *r, struct vec3 at, float t)
 static uint64_t key_of(int level, struct vec3 at, const struct indirect_spot *s)
 {
     const double scale = ldexp(1.0, -level);
-    uint64_t key = (uint64_t)(level - LEVEL_LEAST) << 7 | normal_part(s->shading) << 1 | (s->kind == LOBE_GGX);
+    uint64_t key = (uint64_t)(level - LEVEL_LEAST) << 7 | normal_part(s->shading) << 1 | lobe_covers_matte(s->kind);
 
     key = key << PLACE_BITS | place(at.x, scale);
     key = key << PLACE_BITS | place(at.y, scale);

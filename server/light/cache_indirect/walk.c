@@ -2,6 +2,7 @@
 #include "base/mem.h"
 #include "light/cache_indirect/internal.h"
 #include "light/estimators/paths.h"
+#include "scene/geometry/scatter_hit.h"
 
 #include <math.h>
 
@@ -37,7 +38,7 @@ bool indirect_leave(const struct indirect_spot *s, const double x[2], struct vec
     const double z = sqrt(1.0 - x[0]), r = sqrt(x[0]), phi = 2.0 * PI * x[1];
 
     *dir = frame_direction(s->shading, r * cos(phi), r * sin(phi), z);
-    *weight = s->kind == LOBE_GGX ? (float)(1.0 - schlick(z)) : 1.0f;
+    *weight = (float)lobe_enters(s->kind, z);
     return z > 0.0 && vec3_dot_double(s->geometric, *dir) > 0.0;
 }
 
@@ -45,8 +46,7 @@ bool indirect_leave(const struct indirect_spot *s, const double x[2], struct vec
 static void matte_albedo(const struct scatter *at, struct vec3 wo, double out[3])
 {
     const float d[3] = { at->diffuse.x, at->diffuse.y, at->diffuse.z };
-    const double leave =
-        at->kind == LOBE_GGX ? 1.0 - schlick(fmax(1e-3, vec3_dot_double(at->surface.shading, wo))) : 1.0;
+    const double leave = lobe_enters(at->kind, fmax(1e-3, vec3_dot_double(at->surface.shading, wo)));
     const double passes = veil_passes(&at->veil, wo);
 
     for (int c = 0; c < 3; c++)
@@ -119,14 +119,9 @@ static void follow_delta(struct walk *w, const struct delta_ray *ray, double kee
 static struct lobe shine_of(const struct scatter *at, struct vec3 wo, double *share)
 {
     struct lobe l = lobe_of(at);
-    const double f0 = fmax((double)l.specular.x, fmax((double)l.specular.y, (double)l.specular.z));
 
     l.diffuse = vec3_make(0.0f, 0.0f, 0.0f);
-    *share = 0.0;
-    if (at->rough && l.kind == LOBE_PHONG)
-        *share = f0;
-    else if (at->rough && l.kind == LOBE_GGX && l.gloss > 0.0)
-        *share = f0 + (1.0 - f0) * schlick(vec3_dot_double(l.shading, wo));
+    *share = at->rough ? lobe_shine(&l, wo) : 0.0;
     return l;
 }
 

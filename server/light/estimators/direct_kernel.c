@@ -4,6 +4,7 @@
 #include "light/estimators/direct_log.h"
 #include "light/estimators/kernels.h"
 #include "light/estimators/sky_lanes.h"
+#include "scene/geometry/lane_rays.h"
 #include "scene/surface/lanes.h"
 #include "scene/surface/lobes.h"
 

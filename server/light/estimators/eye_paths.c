@@ -5,6 +5,7 @@
 #include "base/mem.h"
 #include "base/progress.h"
 #include "base/vec.h"
+#include "scene/geometry/scatter_hit.h"
 #include "scene/surface/path_ray.h"
 #include "sky/tables/samples.h"
 

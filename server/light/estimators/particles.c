@@ -1,12 +1,13 @@
 #include "light/estimators/particles.h"
 
 #include "base/cancel.h"
+#include "base/luminance.h"
 #include "base/mem.h"
 #include "base/progress.h"
 #include "base/rng.h"
-#include "base/luminance.h"
-#include "scene/geometry/scatter.h"
+#include "scene/geometry/scatter_hit.h"
 #include "scene/surface/lobe.h"
+#include "scene/surface/scatter.h"
 #include "sky/tables/samples.h"
 
 #include <math.h>

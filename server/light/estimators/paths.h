@@ -1,5 +1,5 @@
 /* Classes of light paths. E: eye, L: environment, S and D: scattering events; a lobe is S if it is a delta (mirror,
- * glass, ggx with alpha below ALPHA_DELTA), else D. In a frame, exactly one estimator computes each class.
+ * glass, a highlight below ALPHA_DELTA), else D. In a frame, exactly one estimator computes each class.
  *   background       E S* L             looked up in the G-buffer's escape directions
  *   direct           E S* D L           direct.h, at the shading points
  *   caustics         E D S+ L           light_tracer.h or eye_paths.h

@@ -3,6 +3,7 @@
 
 #include "base/mem.h"
 #include "base/rng.h"
+#include "scene/geometry/scatter_hit.h"
 
 #include <assert.h>
 #include <math.h>

@@ -7,8 +7,8 @@
 
 #include "light/estimators/direct.h"
 #include "light/estimators/direct_log.h"
-#include "scene/geometry/scatter.h"
 #include "scene/geometry/view.h"
+#include "scene/surface/scatter.h"
 
 #include <stdbool.h>
 #include <stdint.h>

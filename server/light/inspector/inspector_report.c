@@ -96,7 +96,7 @@ static json_t *material_json(const struct scene *scene, uint32_t index)
 
     if (m->kind == MATERIAL_PHONG)
         json_object_set_new(j, "exponent", number(m->exponent));
-    if (m->kind == MATERIAL_GGX) {
+    if (material_has_finish(m)) {
         json_object_set_new(j, "metallic", number(m->metallic));
         json_object_set_new(j, "roughness", number(m->roughness));
     }
@@ -112,9 +112,8 @@ static json_t *material_json(const struct scene *scene, uint32_t index)
 /* The BRDF at the point, with textures and the preset applied. */
 static json_t *lobe_json(const struct shade_packet *at)
 {
-    static const char *const kinds[] = { [LOBE_LAMBERT] = "lambert", [LOBE_PHONG] = "phong", [LOBE_GGX] = "ggx" };
-    json_t *j = json_pack("{s:s, s:[o, o, o]}", "kind", kinds[at->kind], "diffuse", number(at->diffuse[0][0]),
-                          number(at->diffuse[1][0]), number(at->diffuse[2][0]));
+    json_t *j = json_pack("{s:s, s:[o, o, o]}", "kind", lobe_kind_name((enum lobe_kind)at->kind), "diffuse",
+                          number(at->diffuse[0][0]), number(at->diffuse[1][0]), number(at->diffuse[2][0]));
 
     if (at->kind == LOBE_LAMBERT)
         return j;

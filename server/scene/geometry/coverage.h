@@ -4,8 +4,8 @@
 #pragma once
 
 #include "scene/geometry/rays.h"
-#include "scene/geometry/scatter.h"
 #include "scene/geometry/scene.h"
+#include "scene/surface/scatter.h"
 
 enum coverage {
     COVERAGE_FULL, /* no hole anywhere */

@@ -2,6 +2,7 @@
 
 #include "base/mem.h"
 #include "scene/geometry/coverage.h"
+#include "scene/geometry/scatter_hit.h"
 
 #include <math.h>
 #include <stdlib.h>

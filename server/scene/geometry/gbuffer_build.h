@@ -2,7 +2,7 @@
 #pragma once
 
 #include "scene/geometry/gbuffer.h"
-#include "scene/geometry/scatter.h"
+#include "scene/surface/scatter.h"
 
 #include <stdbool.h>
 

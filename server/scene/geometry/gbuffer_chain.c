@@ -1,6 +1,7 @@
 #include "scene/geometry/gbuffer_build.h"
 
 #include "scene/geometry/coverage.h"
+#include "scene/geometry/scatter_hit.h"
 
 #include <math.h>
 #include <string.h>

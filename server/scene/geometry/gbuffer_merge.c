@@ -12,16 +12,16 @@
 /* Whether the lobes differ too little to matter, as they do within a texel or two of most roughness maps. */
 static bool lobes_alike(const struct leaf *a, const struct leaf *b)
 {
-    return a->kind != LOBE_GGX || fabsf(sqrtf(a->gloss) - sqrtf(b->gloss)) <= ROUGHNESS_STEP;
+    return fabsf(sqrtf(a->gloss) - sqrtf(b->gloss)) <= ROUGHNESS_STEP;
 }
 
 /* The least cosine between normals that count as one. Where they differ by more than a lobe is wide, the sun's
  * highlight would be on all of a pixel or on nothing. */
 static float least_cosine(const struct leaf *a, const struct leaf *b)
 {
-    const float alpha = a->kind == LOBE_PHONG ? 0.7f / sqrtf(a->gloss) : fminf(a->gloss, b->gloss); /* as wide */
+    const float alpha = fminf(lobe_width(a->kind, a->gloss), lobe_width(b->kind, b->gloss));
 
-    if (a->kind == LOBE_LAMBERT || alpha <= 0.0f)
+    if (alpha <= 0.0f)
         return COS_10_DEGREES;
     return fmaxf(COS_10_DEGREES, fminf(0.99999f, 1.0f - 0.5f * (LOBE_PART * alpha) * (LOBE_PART * alpha)));
 }

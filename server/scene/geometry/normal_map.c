@@ -1,11 +1,11 @@
 #include "scene/geometry/normal_map.h"
 
 #include "scene/geometry/mesh_read.h"
+#include "scene/surface/scatter.h"
 
 #include <math.h>
 
-#define GGX_SPARED 0.0137f /* the largest difference of the two shares, at any angle, by quadrature */
-#define COS_LEAST 0.02f    /* of the angle between the result and the geometric normal */
+#define COS_LEAST 0.02f /* of the angle between the result and the geometric normal */
 
 /* The tangent at a hit, in the plane of n, and the side of the bitangent. False: there is none. */
 static bool tangent_at(const struct mesh *m, const struct hit *h, struct vec3 n, struct vec3 *tangent, float *side)
@@ -41,7 +41,7 @@ void normal_map_turn(const struct scene *scene, const struct hit *h, const float
 
     if (!mesh->tangents || !tangent_at(mesh, h, n, &t, &side))
         return;
-    const struct vec3 v = map_read(scene, m, MAP_NORMAL, at, uv_step);
+    const struct vec3 v = map_read(scene->textures, m, MAP_NORMAL, at, uv_step);
     const float x = (2.0f * v.x - 1.0f) * m->normal_scale, y = (2.0f * v.y - 1.0f) * m->normal_scale * side;
     const float z = 2.0f * v.z - 1.0f;
     struct vec3 turned = vec3_add(vec3_add(vec3_scale(t, x), vec3_scale(vec3_cross(n, t), y)), vec3_scale(n, z));
@@ -53,10 +53,4 @@ void normal_map_turn(const struct scene *scene, const struct hit *h, const float
     if (along < COS_LEAST)
         turned = vec3_normalize(vec3_add(turned, vec3_scale(at->geometric, COS_LEAST - along)));
     at->shading = turned;
-}
-
-float normal_map_gain(enum lobe_kind kind, const struct surface *at)
-{
-    const float hidden = 0.5f * (1.0f - fminf(1.0f, vec3_dot(at->shading, at->geometric)));
-    return 1.0f / (1.0f - (kind == LOBE_GGX ? fmaxf(0.0f, hidden - GGX_SPARED) : hidden));
 }

@@ -47,8 +47,8 @@ static void measure(const struct mesh *m, struct body *b)
 /* What nothing passes. */
 static bool is_opaque(const struct material *m)
 {
-    return (m->kind == MATERIAL_GGX || m->kind == MATERIAL_LAMBERT) && m->alpha_mode == ALPHA_OPAQUE &&
-           !(m->transmits > 0.0f) && !(m->emission.x > 0.0f || m->emission.y > 0.0f || m->emission.z > 0.0f);
+    return material_has_layers(m) && m->alpha_mode == ALPHA_OPAQUE && !(m->transmits > 0.0f) &&
+           !(m->emission.x > 0.0f || m->emission.y > 0.0f || m->emission.z > 0.0f);
 }
 
 static bool is_inside_out(const struct body *b)

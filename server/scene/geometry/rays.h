@@ -4,12 +4,12 @@
 
 #include "base/cpu.h"
 #include "scene/geometry/scene.h"
+#include "scene/surface/packet.h"
+#include "scene/surface/surface.h"
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
-
-#define PACKET 16
 
 struct rays;
 
@@ -21,23 +21,6 @@ struct ray16 {
     float dir_x[PACKET], dir_y[PACKET], dir_z[PACKET], time[PACKET];
     float tfar[PACKET]; /* in: end of the ray; after rays_occluded16: -inf if occluded */
     uint32_t mask[PACKET], id[PACKET], flags[PACKET];
-};
-
-struct hit { /* the first hit of a ray */
-    float t;
-    uint32_t mesh, triangle;
-    float u, v; /* barycentric: p = (1-u-v) p0 + u p1 + v p2 */
-};
-
-/* The surface at a hit, computed from the mesh in double precision, so that secondary rays start on it. */
-struct surface {
-    struct vec3 position;    /* m */
-    struct vec3 geometric;   /* unit normal of the triangle, on the side of `towards` */
-    struct vec3 shading;     /* unit, interpolated if the mesh has normals; on the same side as geometric */
-    bool outside;            /* the ray came from the side where the vertices are counter-clockwise */
-    float uv[2], more_uv[2]; /* by the mesh's uvs and more_uvs */
-    struct vec3 colour;      /* of the mesh, interpolated; white without colours */
-    float offset;            /* m: offset along the geometric normal that keeps a ray from hitting its own triangle */
 };
 
 /* Builds the BVH of the scene's triangles; the scene must outlive it. Embree uses no instructions above `level`, so

@@ -3,8 +3,8 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "scene/geometry/mesh_read.h"
-#include "scene/geometry/scatter.h"
 #include "scene/geometry/scene_build.h"
+#include "scene/surface/scatter.h"
 
 #include <assert.h>
 #include <math.h>

@@ -3,8 +3,8 @@
 #pragma once
 
 #include "base/vec.h"
-#include "scene/geometry/material.h"
-#include "scene/geometry/texture.h"
+#include "scene/surface/material.h"
+#include "scene/surface/texture.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -131,8 +131,8 @@ const struct camera *scene_camera(const struct scene *s, const char *name);
 /* "main, side and top": the names of the cameras, cut to size. */
 void scene_camera_names(const struct scene *s, char *out, size_t size);
 
-/* Axis-aligned boxes around the meshes with a delta lobe (mirror, glass, sharp ggx), which cast caustics. Returns their
- * number; writes at most `room`. */
+/* Axis-aligned boxes around the meshes with a delta lobe (mirror, glass, a sharp highlight), which cast caustics.
+ * Returns their number; writes at most `room`. */
 size_t scene_casters(const struct scene *s, struct box *out, size_t room);
 
 /* Whether the scene has lights or emissive materials. */

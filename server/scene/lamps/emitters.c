@@ -3,7 +3,7 @@
 #include "base/mem.h"
 #include "scene/geometry/coverage.h"
 #include "scene/geometry/mesh_read.h"
-#include "scene/geometry/scatter.h"
+#include "scene/surface/scatter.h"
 
 #include <math.h>
 

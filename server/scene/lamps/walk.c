@@ -1,5 +1,6 @@
 #include "scene/lamps/walk.h"
 
+#include "scene/geometry/scatter_hit.h"
 #include "scene/surface/path_ray.h"
 
 struct walk {

@@ -1,7 +1,7 @@
 /* Arithmetic on 16 lanes at once, in plain C that the compiler vectorises. Included only by the kernels. */
 #pragma once
 
-#include "scene/geometry/rays.h"
+#include "scene/surface/packet.h"
 
 #include <math.h>
 #include <stdint.h>
@@ -13,18 +13,6 @@
 struct lanes {
     _Alignas(64) float v[PACKET];
 };
-
-/* Aims a packet's rays along d, without end. */
-static inline void lanes_aim(const struct lanes d[3], struct ray16 *rays)
-{
-    LANES(l)
-    {
-        rays->dir_x[l] = d[0].v[l];
-        rays->dir_y[l] = d[1].v[l];
-        rays->dir_z[l] = d[2].v[l];
-        rays->tfar[l] = INFINITY;
-    }
-}
 
 /* log2 for normal positive x, relative error below 3e-7: the atanh series about 1 after removing the exponent, so that
  * x near 1, where a sharp lobe lives, keeps its relative precision. */

@@ -192,3 +192,18 @@ double lobe_albedo(const struct lobe *l, struct vec3 wo)
 
     return fmin(1.0, l->kind == LOBE_GGX ? fmax(both, f0 + (1.0 - f0) * c * c * c * c * c) : both);
 }
+
+double lobe_shine(const struct lobe *l, struct vec3 wo)
+{
+    const double f0 = fmax((double)l->specular.x, fmax((double)l->specular.y, (double)l->specular.z));
+
+    if (l->kind == LOBE_GGX)
+        return l->gloss > 0.0 ? f0 + (1.0 - f0) * schlick(vec3_dot_double(l->shading, wo)) : 0.0;
+    return l->kind == LOBE_PHONG ? f0 : 0.0;
+}
+
+const char *lobe_kind_name(enum lobe_kind kind)
+{
+    static const char *const names[] = { [LOBE_LAMBERT] = "lambert", [LOBE_PHONG] = "phong", [LOBE_GGX] = "ggx" };
+    return names[kind];
+}

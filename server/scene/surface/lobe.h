@@ -4,8 +4,8 @@
 #pragma once
 
 #include "base/vec.h"
-#include "scene/geometry/gbuffer.h"
-#include "scene/geometry/scatter.h"
+#include "scene/surface/packet.h"
+#include "scene/surface/scatter.h"
 
 #include <stdbool.h>
 
@@ -34,6 +34,9 @@ bool lobe_weight(const struct lobe *l, struct vec3 wo, struct vec3 wi, double de
 
 /* Approximate albedo: 0..1, > 0 wherever the lobe reflects anything. */
 double lobe_albedo(const struct lobe *l, struct vec3 wo);
+
+/* Approximate share of light that the specular part reflects. */
+double lobe_shine(const struct lobe *l, struct vec3 wo);
 
 /* The unit vector x t + y u + z n for the frame of n below; x, y and z have length 1. */
 struct vec3 frame_direction(struct vec3 n, double x, double y, double z);

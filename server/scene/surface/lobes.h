@@ -13,8 +13,8 @@
 #pragma once
 
 #include "base/vec.h"
-#include "scene/geometry/gbuffer.h"
 #include "scene/surface/lanes.h"
+#include "scene/surface/scatter.h"
 
 #include <stdbool.h>
 
@@ -144,19 +144,6 @@ static inline void evaluate_ggx(const struct lobes *s, const struct shade_packet
             const float c = cosine->v[l] * (float)(1.0 / PI);
             brdf[k].v[l] = enter.v[l] * leave.v[l] * c * p->diffuse[k][l] + f * shine.v[l];
         }
-}
-
-/* Rays that start at the packet's points; lanes_aim gives them directions. */
-static inline void lobes_rays(const struct shade_packet *p, struct ray16 *rays)
-{
-    memset(rays, 0, sizeof(*rays));
-    LANES(l)
-    {
-        rays->org_x[l] = p->x[l];
-        rays->org_y[l] = p->y[l];
-        rays->org_z[l] = p->z[l];
-        rays->mask[l] = UINT32_MAX;
-    }
 }
 
 /* Each lane's cosine with its direction d; 0 if d is below the shading or the geometric surface. False if that holds

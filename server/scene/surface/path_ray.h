@@ -2,8 +2,8 @@
 #pragma once
 
 #include "base/rng.h"
-#include "scene/geometry/scatter.h"
 #include "scene/surface/lobe.h"
+#include "scene/surface/scatter.h"
 
 #include <math.h>
 

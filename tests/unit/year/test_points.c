@@ -1,8 +1,8 @@
 /* Sensors: grids over surfaces, files, their light and the sun's disc alone. */
 #include "base/luminance.h"
 #include "base/mem.h"
-#include "scene/geometry/scatter.h"
 #include "scene/geometry/sensors.h"
+#include "scene/surface/scatter.h"
 #include "support/unit.h"
 #include "year/points.h"
 #include "year/sunlight.h"

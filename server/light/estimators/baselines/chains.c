@@ -1,5 +1,6 @@
 #include "light/estimators/baselines/chains.h"
 
+#include "scene/geometry/scatter_hit.h"
 #include "scene/surface/lobe.h"
 #include "sky/tables/samples.h"
 

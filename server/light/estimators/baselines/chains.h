@@ -6,7 +6,7 @@
 #include "base/rng.h"
 #include "light/estimators/baselines/path.h"
 #include "light/estimators/start.h"
-#include "scene/geometry/scatter.h"
+#include "scene/surface/scatter.h"
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -2,8 +2,9 @@
 
 #include "base/cancel.h"
 #include "base/rng.h"
-#include "scene/geometry/scatter.h"
+#include "scene/geometry/scatter_hit.h"
 #include "scene/surface/lobe.h"
+#include "scene/surface/scatter.h"
 #include "sky/tables/samples.h"
 
 #include <assert.h>

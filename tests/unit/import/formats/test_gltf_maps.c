@@ -1,7 +1,7 @@
 /* Textures of numbers in glTF files: the materials that result, and the warnings about maps that do not fit. */
 #include "gltf_square.h"
 
-#include "scene/geometry/scatter.h"
+#include "scene/surface/scatter.h"
 
 #define ROUGH(factors, texture)                                                                                        \
     "\"pbrMetallicRoughness\":{" factors "\"baseColorTexture\":{\"index\":1},\"metallicRoughnessTexture\":{" texture   \

@@ -2,8 +2,9 @@
 #include "gltf_make.h"
 
 #include "scene/geometry/rays.h"
-#include "scene/geometry/scatter.h"
+#include "scene/geometry/scatter_hit.h"
 #include "scene/geometry/view.h"
+#include "scene/surface/scatter.h"
 
 /* A unit square in z = 0, as a fan of its corners. */
 static const float corners[] = { 0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0 };

@@ -2,8 +2,9 @@
 #include "light/estimators/courts.h"
 #include "light/estimators/points.h"
 
-#include "scene/geometry/scatter.h"
+#include "scene/geometry/scatter_hit.h"
 #include "scene/surface/lobe.h"
+#include "scene/surface/scatter.h"
 
 #include <omp.h>
 

@@ -9,8 +9,9 @@
  * and of 11 %. Scenes whose normals are those of their facets are held to 1 % in light/frame/test_estimators.c. */
 #include "light/estimators/tracing.h"
 
-#include "scene/geometry/scatter.h"
+#include "scene/geometry/scatter_hit.h"
 #include "scene/surface/lobe.h"
+#include "scene/surface/scatter.h"
 
 #include <omp.h>
 

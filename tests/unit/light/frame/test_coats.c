@@ -7,8 +7,9 @@
 #include "light/cache_direct/transports.h"
 #include "light/cache_indirect/indirect.h"
 #include "light/estimators/courts.h"
-#include "scene/geometry/sheen.h"
+#include "scene/geometry/scatter_hit.h"
 #include "scene/surface/lobe.h"
+#include "scene/surface/sheen.h"
 
 enum { WIDTH = 24, HEIGHT = 18 };
 

@@ -8,6 +8,7 @@
 #include "light/cache_direct/transports.h"
 #include "light/cache_indirect/indirect.h"
 #include "light/estimators/courts.h"
+#include "scene/geometry/scatter_hit.h"
 #include "scene/surface/lobe.h"
 
 enum { WIDTH = 24, HEIGHT = 18, SEEDS = 6 };

@@ -6,8 +6,8 @@
 #include "scene/geometry/mesh_read.h"
 #include "scene/geometry/normal_map.h"
 #include "scene/geometry/rays.h"
-#include "scene/geometry/scatter.h"
 #include "scene/geometry/scene_digest.h"
+#include "scene/surface/scatter.h"
 
 #include <math.h>
 

@@ -2,8 +2,9 @@
 #include "scene/geometry/files.h"
 #include "support/gbuffers.h"
 
-#include "scene/geometry/scatter.h"
+#include "scene/geometry/scatter_hit.h"
 #include "scene/geometry/scene_digest.h"
+#include "scene/surface/scatter.h"
 
 enum { SIDE = 64 };
 

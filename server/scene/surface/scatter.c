@@ -1,12 +1,12 @@
-#include "scene/geometry/scatter.h"
+#include "scene/surface/scatter.h"
 
 #include "base/rng.h"
-#include "scene/geometry/normal_map.h"
-#include "scene/geometry/sheen.h"
+#include "scene/surface/sheen.h"
 
 #include <math.h>
 #include <string.h>
 
+#define GGX_SPARED 0.0137f /* the largest difference of the two shares, at any angle, by quadrature */
 #define VEIL_GAIN 1.027f /* of the lobe of roughness 0.3 at a cosine of 0.6, over F(n.o) */
 
 static float brightness(struct vec3 v)
@@ -14,12 +14,12 @@ static float brightness(struct vec3 v)
     return (v.x + v.y + v.z) / 3.0f;
 }
 
-static struct vec3 base_colour(const struct scene *scene, const struct material *m, const float uv[2],
+static struct vec3 base_colour(const struct material *m, const struct texture *textures, const float uv[2],
                                const float (*step)[2])
 {
     if (m->texture == MATERIAL_NO_TEXTURE)
         return m->diffuse;
-    return vec3_mul(m->diffuse, texture_read(&scene->textures[m->texture], uv, step));
+    return vec3_mul(m->diffuse, texture_read(&textures[m->texture], uv, step));
 }
 
 /* A roughness map never creates a mirror: the type of a path vertex, S or D, must not depend on texture filtering. */
@@ -51,7 +51,7 @@ static void move(const float by[6], const float from[2], float share, float to[2
     to[1] = by[3] * from[0] + by[4] * from[1] + share * by[5];
 }
 
-struct vec3 map_read(const struct scene *scene, const struct material *m, enum material_map map,
+struct vec3 map_read(const struct texture *textures, const struct material *m, enum material_map map,
                      const struct surface *at, const float (*uv_step)[2])
 {
     const bool normal = map == MAP_NORMAL;
@@ -62,7 +62,7 @@ struct vec3 map_read(const struct scene *scene, const struct material *m, enum m
                            : map == MAP_SHEEN_ROUGHNESS ? m->sheen_roughness_texture
                            : normal                     ? m->normal_texture
                                                         : m->roughness_texture;
-    const struct texture *t = &scene->textures[index];
+    const struct texture *t = &textures[index];
     float place[2], step[2][2] = { { 0.0f } };
 
     if (!(m->moved & (uint32_t)map))
@@ -78,12 +78,12 @@ struct finish {
 };
 
 /* Of ggx, at a place. */
-static struct finish finish_at(const struct scene *scene, const struct material *m, const struct surface *at,
+static struct finish finish_at(const struct material *m, const struct texture *textures, const struct surface *at,
                                const float (*step)[2])
 {
     if (!(m->maps & MAP_ROUGHNESS))
         return (struct finish){ m->metallic, m->roughness };
-    const struct vec3 v = map_read(scene, m, MAP_ROUGHNESS, at, step);
+    const struct vec3 v = map_read(textures, m, MAP_ROUGHNESS, at, step);
     return (struct finish){ m->metallic * v.z, m->roughness * v.y };
 }
 
@@ -106,14 +106,14 @@ static void fill_rough(const struct material *m, struct vec3 base, struct finish
 }
 
 /* Moves a share of the matte part to the other side, in a colour of its own. */
-static void split_matte(const struct scene *scene, const struct material *m, struct vec3 base, struct finish finish,
-                        const float (*step)[2], struct scatter *out)
+static void split_matte(const struct material *m, const struct texture *textures, struct vec3 base,
+                        struct finish finish, const float (*step)[2], struct scatter *out)
 {
     const struct vec3 own =
         m->through_texture == MATERIAL_NO_TEXTURE
             ? m->through
-            : vec3_mul(m->through, texture_read(&scene->textures[m->through_texture],
-                                                map_uv(m, MAP_THROUGH, &out->surface), map_step(m, MAP_THROUGH, step)));
+            : vec3_mul(m->through, texture_read(&textures[m->through_texture], map_uv(m, MAP_THROUGH, &out->surface),
+                                                map_step(m, MAP_THROUGH, step)));
     const bool ggx = m->kind == MATERIAL_GGX;
     const struct vec3 left = ggx ? ggx_below(base, base, finish.metallic, m->specular) : base;
     const struct vec3 beyond = ggx ? ggx_below(own, base, finish.metallic, m->specular) : own;
@@ -123,13 +123,13 @@ static void split_matte(const struct scene *scene, const struct material *m, str
 }
 
 /* What a ray of unit direction that meets glass from inside has left [Bouguer, Lambert and Beer]. */
-static struct vec3 arriving(const struct material *m, const struct hit *h, const struct surface *s)
+static struct vec3 arriving(const struct material *m, float distance, const struct surface *s)
 {
     const struct vec3 a = m->attenuation;
 
     if (m->kind != MATERIAL_GLASS || m->thin || s->outside || !(a.x + a.y + a.z > 0.0f))
         return vec3_make(1.0f, 1.0f, 1.0f);
-    return vec3_make(expf(-a.x * h->t), expf(-a.y * h->t), expf(-a.z * h->t));
+    return vec3_make(expf(-a.x * distance), expf(-a.y * distance), expf(-a.z * distance));
 }
 
 /* A random number in [0, 1) of a ray, the same on every CPU but where rounding decides about 2^-12 of the triangle. */
@@ -211,7 +211,7 @@ static void choose_layer(struct scatter *s, struct vec3 dir, float x)
         scatter_sheen(s);
 }
 
-static void choose(struct scatter *s, const struct hit *h, struct vec3 dir)
+void scatter_choose(struct scatter *s, const struct hit *h, struct vec3 dir)
 {
     const bool veiled = veil_is(&s->veil);
 
@@ -223,7 +223,7 @@ static void choose(struct scatter *s, const struct hit *h, struct vec3 dir)
         choose_layer(s, dir, x);
 }
 
-static void turn_over(struct scatter *s)
+void scatter_turn_over(struct scatter *s)
 {
     s->surface.geometric = vec3_scale(s->surface.geometric, -1.0f);
     s->surface.shading = vec3_scale(s->surface.shading, -1.0f);
@@ -233,31 +233,32 @@ static void turn_over(struct scatter *s)
 }
 
 /* The coat at a place. smooth: the shading normal without the map. */
-static void put_coat(const struct scene *scene, const struct material *m, struct vec3 smooth, const float (*step)[2],
-                     struct scatter *out)
+static void put_coat(const struct material *m, const struct texture *textures, struct vec3 smooth,
+                     const float (*step)[2], struct scatter *out)
 {
     const struct surface *at = &out->surface;
     float share = m->coat, roughness = m->coat_roughness;
 
     if (m->maps & MAP_COAT)
-        share *= map_read(scene, m, MAP_COAT, at, step).x;
+        share *= map_read(textures, m, MAP_COAT, at, step).x;
     if (m->maps & MAP_COAT_ROUGHNESS)
-        roughness *= map_read(scene, m, MAP_COAT_ROUGHNESS, at, step).y;
+        roughness *= map_read(textures, m, MAP_COAT_ROUGHNESS, at, step).y;
     const float alpha = is_sharp_coat(m) ? 0.0f : fmaxf(roughness * roughness, ALPHA_DELTA);
     out->veil.coat = share;
     out->veil.alpha = alpha;
     out->veil.normal = m->coat_bent ? at->shading : smooth;
 }
 
-static void put_sheen(const struct scene *scene, const struct material *m, const float (*step)[2], struct scatter *out)
+static void put_sheen(const struct material *m, const struct texture *textures, const float (*step)[2],
+                      struct scatter *out)
 {
     struct vec3 c = m->sheen;
     float roughness = m->sheen_roughness;
 
     if (m->maps & MAP_SHEEN_ROUGHNESS)
-        roughness *= map_read(scene, m, MAP_SHEEN_ROUGHNESS, &out->surface, step).x;
+        roughness *= map_read(textures, m, MAP_SHEEN_ROUGHNESS, &out->surface, step).x;
     if (m->sheen_texture != MATERIAL_NO_TEXTURE)
-        c = vec3_mul(c, texture_read(&scene->textures[m->sheen_texture], map_uv(m, MAP_SHEEN, &out->surface),
+        c = vec3_mul(c, texture_read(&textures[m->sheen_texture], map_uv(m, MAP_SHEEN, &out->surface),
                                      map_step(m, MAP_SHEEN, step)));
     out->veil.sheen = fmaxf(c.x, fmaxf(c.y, c.z));
     out->veil.sheen_roughness = roughness;
@@ -295,7 +296,7 @@ void scatter_coat(struct scatter *s)
 
 void scatter_turn(struct scatter *s)
 {
-    turn_over(s);
+    scatter_turn_over(s);
     s->diffuse = s->beyond;
     s->specular = vec3_make(0.0f, 0.0f, 0.0f);
     s->gloss = 0.0f;
@@ -308,34 +309,22 @@ struct vec3 scatter_side(const struct scatter *s, struct vec3 w)
     return s->through ? vec3_sub(w, vec3_scale(s->surface.shading, 2.0f * vec3_dot(w, s->surface.shading))) : w;
 }
 
-void scatter_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
-                struct scatter *out)
+/* The factor of the matte part under a normal map. Of the light that the matte part would reflect by the cosine with
+ * its shading normal, the triangle hides the part from below: x = (1 - cos) / 2 of a uniform sky, by the angle between
+ * the two normals. The factor 1 / (1 - x) restores it, so that a white surface under a uniform sky stays white. The
+ * matte part of ggx loses less, since little of that light enters it: at least x - 0.0137. The loss of a specular lobe
+ * is not restored. */
+static float matte_gain(enum lobe_kind kind, const struct surface *at)
 {
-    rays_surface(rays, h, vec3_scale(dir, -1.0f), &out->surface);
-    scatter_on(scene, h, NULL, out);
-    choose(out, h, dir);
+    const float hidden = 0.5f * (1.0f - fminf(1.0f, vec3_dot(at->shading, at->geometric)));
+    return 1.0f / (1.0f - (kind == LOBE_GGX ? fmaxf(0.0f, hidden - GGX_SPARED) : hidden));
 }
 
-void scatter_light_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
-                      struct scatter *out)
+void scatter_of(const struct material *m, const struct texture *textures, struct vec3 smooth, float distance,
+                const float (*uv_step)[2], struct scatter *out)
 {
-    scatter_at(scene, rays, h, dir, out);
-    if (out->through)
-        turn_over(out);
-}
-
-void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv_step)[2], struct scatter *out)
-{
-    const uint32_t material = scene->meshes[h->mesh].material;
-    const struct material *m = &scene->materials[material];
-    const struct vec3 smooth = out->surface.shading;
-
-    if (m->maps & MAP_NORMAL)
-        normal_map_turn(scene, h, uv_step, &out->surface);
-    const struct vec3 base = vec3_mul(base_colour(scene, m, out->surface.uv, uv_step), out->surface.colour);
-    const struct finish finish = finish_at(scene, m, &out->surface, uv_step);
-    out->mesh = h->mesh;
-    out->material = material;
+    const struct vec3 base = vec3_mul(base_colour(m, textures, out->surface.uv, uv_step), out->surface.colour);
+    const struct finish finish = finish_at(m, textures, &out->surface, uv_step);
     out->rough = material_is_rough(m);
     fill_rough(m, base, finish, out);
     out->beyond = vec3_make(0.0f, 0.0f, 0.0f);
@@ -344,13 +333,13 @@ void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv
     out->layer = LAYER_BASE;
     out->veil = (struct veil){ .coat = 0.0f };
     if (m->coat > 0.0f)
-        put_coat(scene, m, smooth, uv_step, out);
+        put_coat(m, textures, smooth, uv_step, out);
     if (brightness(m->sheen) > 0.0f)
-        put_sheen(scene, m, uv_step, out);
+        put_sheen(m, textures, uv_step, out);
     if (m->transmits > 0.0f)
-        split_matte(scene, m, base, finish, uv_step, out);
+        split_matte(m, textures, base, finish, uv_step, out);
     if (m->maps & MAP_NORMAL) {
-        const float gain = normal_map_gain(out->kind, &out->surface);
+        const float gain = matte_gain(out->kind, &out->surface);
         out->diffuse = vec3_scale(out->diffuse, gain);
         out->beyond = vec3_scale(out->beyond, gain);
     }
@@ -360,7 +349,7 @@ void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv
                                              : DELTA_NONE;
     out->reflectance = out->delta == DELTA_GLOSS ? ggx_f0(base, finish.metallic, m->specular) : base;
     out->ior = m->kind == MATERIAL_GLASS ? m->ior : 1.0f;
-    out->arrives = arriving(m, h, &out->surface);
+    out->arrives = arriving(m, distance, &out->surface);
 }
 
 double fresnel_dielectric(double cos_i, double eta, double *cos_t)

@@ -1,6 +1,6 @@
 /* What the texture*.c files share. Private to them. */
 #pragma once
 
-#include "scene/geometry/texture.h"
+#include "scene/surface/texture.h"
 
 extern const float texture_srgb[256]; /* linear values of sRGB bytes, rising from 0 to 1 */

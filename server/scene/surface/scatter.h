@@ -6,19 +6,13 @@
  * scatter_light is its exact adjoint, so that both cover the same paths [Veach 1997, section 5.3]. */
 #pragma once
 
-#include "scene/geometry/material.h"
-#include "scene/geometry/rays.h"
-#include "scene/geometry/scene.h"
+#include "scene/surface/lobe_kind.h"
+#include "scene/surface/material.h"
+#include "scene/surface/surface.h"
+#include "scene/surface/texture.h"
 
 #include <stdbool.h>
 #include <stdint.h>
-
-enum lobe_kind {
-    LOBE_LAMBERT, /* diffuse only */
-    LOBE_PHONG,   /* diffuse + specular lobe with an exponent */
-    LOBE_GGX,     /* diffuse = ggx_matte, specular = F0, gloss = alpha; if alpha is 0, the specular part
-                     is in the delta lobe, and only the diffuse part below it remains */
-};
 
 /* A GGX lobe with a smaller alpha becomes a mirror. */
 #define ALPHA_DELTA 1e-3f
@@ -87,24 +81,25 @@ struct scatter {
                             already include */
 };
 
-/* Evaluates the material at the hit of a camera path. dir: direction of the ray, unit; h->t: its length, m. Where light
- * from both sides counts, or there is a coat, chooses one side or layer, with a hash of the ray as the random
- * number. */
-void scatter_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
-                struct scatter *out);
-/* As scatter_at, for a light path: out->surface stays on the side of the light, which is the ray's. */
-void scatter_light_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
-                      struct scatter *out);
+/* Evaluates a material at out->surface, which a ray has met after `distance` metres: everything of *out but surface,
+ * mesh and material. smooth: the shading normal without a normal map. textures: the scene's. uv_step[4]: the two edges
+ * of the area over which textures are averaged, in the mesh's first texture coordinates, then in its second; NULL: no
+ * averaging. */
+void scatter_of(const struct material *m, const struct texture *textures, struct vec3 smooth, float distance,
+                const float (*uv_step)[2], struct scatter *out);
 
-/* As scatter_at, with out->surface already filled. uv_step[4]: the two edges of the area over which textures are
- * averaged, in the mesh's first texture coordinates, then in its second; NULL: no averaging. */
-void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv_step)[2], struct scatter *out);
+/* Where light from both sides counts, or there is a coat: chooses one side or layer of the result of scatter_of, with a
+ * hash of the ray as the random number. */
+void scatter_choose(struct scatter *s, const struct hit *h, struct vec3 dir);
 
-/* Replaces the result of scatter_on by the lobe for light from the other side. That lobe belongs to a surface seen from
+/* Puts a surface on the other side of its triangle. */
+void scatter_turn_over(struct scatter *s);
+
+/* Replaces the result of scatter_of by the lobe for light from the other side. That lobe belongs to a surface seen from
  * the light's side, so lobe.h needs a mirrored direction to the camera (scatter_side). */
 void scatter_turn(struct scatter *s);
 
-/* Replaces the result of scatter_on by the clear coat that its veil describes. */
+/* Replaces the result of scatter_of by the clear coat that its veil describes. */
 void scatter_coat(struct scatter *s);
 
 /* As scatter_coat, for the sheen. */
@@ -126,7 +121,7 @@ static inline const float (*map_step(const struct material *m, enum material_map
 }
 
 /* The mean of one of the material's `maps` at a place; uv_step as above. */
-struct vec3 map_read(const struct scene *scene, const struct material *m, enum material_map map,
+struct vec3 map_read(const struct texture *textures, const struct material *m, enum material_map map,
                      const struct surface *at, const float (*uv_step)[2]);
 
 bool material_is_rough(const struct material *m); /* has a D lobe */

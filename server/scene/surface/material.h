@@ -3,6 +3,7 @@
 
 #include "base/vec.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 
 enum material_kind {
@@ -109,6 +110,18 @@ struct vec3 ggx_below(struct vec3 colour, struct vec3 base, float metallic, stru
 /* The attenuation that gives white light this colour after `distance` metres, as glTF defines it
  * [KHR_materials_volume]. distance > 0. */
 struct vec3 attenuation_from(struct vec3 colour, double distance);
+
+/* Whether metallic and roughness count, and so MAP_ROUGHNESS. */
+static inline bool material_has_finish(const struct material *m)
+{
+    return m->kind == MATERIAL_GGX;
+}
+
+/* Whether there may be a coat, a sheen and a matte part that transmits. */
+static inline bool material_has_layers(const struct material *m)
+{
+    return m->kind == MATERIAL_LAMBERT || m->kind == MATERIAL_GGX;
+}
 
 /* "lambert", "phong", ...; never NULL. */
 const char *material_kind_name(enum material_kind kind);

@@ -1,4 +1,4 @@
-#include "scene/geometry/sheen.h"
+#include "scene/surface/sheen.h"
 
 #include <math.h>
 

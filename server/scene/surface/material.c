@@ -1,4 +1,4 @@
-#include "scene/geometry/material.h"
+#include "scene/surface/material.h"
 
 #include <assert.h>
 #include <math.h>

@@ -1,0 +1,19 @@
+/* Scattering at the hit of a ray: scatter.h, at a surface of the scene. Thread: any. */
+#pragma once
+
+#include "scene/geometry/rays.h"
+#include "scene/geometry/scene.h"
+#include "scene/surface/scatter.h"
+
+/* Evaluates the material at the hit of a camera path. dir: direction of the ray, unit; h->t: its length, m. Where light
+ * from both sides counts, or there is a coat, chooses one side or layer, with a hash of the ray as the random
+ * number. */
+void scatter_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
+                struct scatter *out);
+/* As scatter_at, for a light path: out->surface stays on the side of the light, which is the ray's. */
+void scatter_light_at(const struct scene *scene, const struct rays *rays, const struct hit *h, struct vec3 dir,
+                      struct scatter *out);
+
+/* As scatter_at, with out->surface already filled. uv_step[4]: the two edges of the area over which textures are
+ * averaged, in the mesh's first texture coordinates, then in its second; NULL: no averaging. */
+void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv_step)[2], struct scatter *out);
