@@ -44,7 +44,7 @@ class Daylight {
     this.when = make('p', { className: 'counts', id: 'daylight-when' });
     this.under = make('p', { className: 'counts', id: 'daylight-under', text: this.hint() });
     this.colour = make('input', { type: 'checkbox', id: 'daylight-colour' });
-    this.colour.onchange = () => this.app.send({ op: 'control', request: 0, tone: this.colour.checked ? FALSE_COLOUR : 'filmic' });
+    this.colour.onchange = () => window.relight.controls.ask({ tone: this.colour.checked ? FALSE_COLOUR : 'filmic' });
     this.ramp = make('canvas', { id: 'daylight-ramp', attributes: { role: 'img' } });
     this.map = make('canvas', { id: 'daylight-year', attributes: { role: 'img' } });
     this.words = make('p', { className: 'counts', id: 'daylight-words' });
@@ -108,7 +108,7 @@ class Daylight {
 
   show() {
     if (!this.built || !this.place || !isSeen(this.ramp)) return;
-    this.colour.checked = this.app.control?.tone === FALSE_COLOUR;
+    this.colour.checked = window.relight.controls.now.tone === FALSE_COLOUR; // also while the server has not answered yet
     this.colour.disabled = this.app.role !== 'controller';
     this.drawRamp();
     this.drawYear();

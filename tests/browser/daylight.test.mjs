@@ -64,7 +64,17 @@ test('the page goes to a day and hour, shows false colour and the luminance belo
     const status = await page.evaluate(() => window.relight.status);
     const sun = sunAt(status.place, 172, 14.5);
     assert.ok(Math.abs(sun.elevation - status.light.sun.elevation) < 0.5 && Math.abs(sun.azimuth - status.light.sun.azimuth) < 0.5, JSON.stringify([sun, status.light.sun]));
+    await page.evaluate(() => { // the server does not hear of it yet
+      const { app } = window.relight, { send } = app, held = [];
+      app.send = (message) => held.push(message);
+      window.release = () => { app.send = send; held.forEach((message) => app.send(message)); };
+    });
     await page.locator('#daylight-colour').check();
+    assert.ok(await page.evaluate(() => {
+      window.relight.daylight.show();
+      window.release();
+      return document.getElementById('daylight-colour').checked;
+    }), 'the choice jumps back until the server answers');
     await until(() => window.relight.app.control.tone === 'false-colour');
     const answer = page.evaluate(() => new Promise((resolve) => { window.relight.app.on('probed', (m) => { if (m.x !== undefined) resolve(m); }); }));
     await page.locator('#picture').hover({ position: { x: 200, y: 200 } });
