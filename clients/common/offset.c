@@ -1,4 +1,4 @@
-#include "clients/common/offset.h"
+#include "clients/common/message.h"
 
 void offset_add(struct offset *o, int64_t sent_us, int64_t received_us, int64_t server_us)
 {

@@ -1,4 +1,4 @@
-#include "clients/common/trust.h"
+#include "clients/common/address.h"
 
 #include <errno.h>
 #include <string.h>

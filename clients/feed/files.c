@@ -1,4 +1,4 @@
-#include "clients/feed/files.h"
+#include "clients/feed/reader.h"
 
 #include "base/file_pattern.h"
 #include "base/log.h"

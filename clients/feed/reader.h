@@ -36,3 +36,14 @@ void reader_drop(struct reader *r); /* releases the oldest parcel */
 bool reader_is_done(struct reader *r);                           /* the source has ended and nothing is held */
 uint64_t reader_total(const struct reader *r);                   /* frames in one pass; 0: unknown or infinite */
 void reader_counts(struct reader *r, struct reader_counts *out); /* thread: any */
+
+/* ---- Files ---- */
+
+/* Writes the frames of a source as OpenEXR files instead of sending them: computed skies and videos for other programs.
+ * Thread: one; the caller's. */
+
+/* Writes every frame to `pattern`, a name with %d or %04d for the frame number, as linear Rec.709 with 32-bit floats,
+ * or 16-bit floats with RAW_HALF, in the layout of the frame. Frames that cannot be read are reported and skipped;
+ * then, and if Ctrl-C ends it early, the result is ERR_IO. ERR_USAGE: a pattern of no EXR file, one name for many
+ * frames, a source that never ends. Errors of source_open and exr_write, which name the file. */
+MUST_CHECK enum err files_write(const struct reader_desc *d, const char *pattern, struct reason *why);

@@ -5,7 +5,7 @@
 #include "clients/common/client.h"
 #include "clients/common/message.h"
 #include "clients/feed/feeder.h"
-#include "clients/feed/files.h"
+#include "clients/feed/reader.h"
 
 #include <inttypes.h>
 #include <string.h>

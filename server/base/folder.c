@@ -1,4 +1,4 @@
-#include "base/folder.h"
+#include "base/file_store.h"
 
 #include <errno.h>
 #include <stdbool.h>

@@ -1,6 +1,6 @@
 #include "year/annual_internal.h"
 
-#include "base/folder.h"
+#include "base/file_store.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/vec.h"
@@ -8,8 +8,7 @@
 #include "scene/geometry/scene_digest.h"
 #include "scene/geometry/sensors.h"
 #include "sky/tables/irradiance.h"
-#include "year/glare_view.h"
-#include "year/sunlight.h"
+#include "year/points.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,13 +1,19 @@
 /* Data and functions that the files of this room share. Private. One thread. */
 #pragma once
 
+#include "base/err.h"
 #include "base/progress.h"
 #include "image/codec/frame.h"
 #include "job/team/share.h"
+#include "scene/geometry/view.h"
+#include "sky/daylight/glare.h"
 #include "sky/source/daylight.h"
 #include "year/annual.h"
 #include "year/ledger.h"
+#include "year/paint.h"
 #include "year/points.h"
+
+#include <stdint.h>
 
 #define IMAGES_MAX 64
 
@@ -65,3 +71,33 @@ MUST_CHECK enum err annual_images_read(struct annual *a, struct reason *why);
 struct annual_image *annual_image_of(struct annual *a, const struct moment *m);
 MUST_CHECK enum err annual_image_write(struct annual *a, const struct moment *m, struct reason *why);
 void annual_image_name(const struct annual_image *p, char *out, size_t size); /* "picture-0321-0930" */
+
+/* ---- Glare ---- */
+
+/* The daylight glare probability of a fisheye view's images. Thread: one per object. */
+
+struct glare_view;
+
+/* *out is NULL for a view that is no fisheye: it does not see all that reaches the eye. ERR_NOMEM. */
+MUST_CHECK enum err glare_view_create(const struct view *v, struct glare_view **out);
+void glare_view_destroy(struct glare_view *g); /* NULL is allowed */
+
+/* cdm2: [height][width]. ERR_NOMEM. */
+MUST_CHECK enum err glare_view_measure(const struct glare_view *g, const float *cdm2, struct glare *out);
+
+/* ---- Maps ---- */
+
+/* Images of a year: heat maps over day and hour, values of sensors in plan, luminance in false colour.
+ * Thread: any, on separate files. */
+
+/* Days to the right, hours downwards from midnight; dark hours are grey. column: of the rows. span: hours of a row. */
+MUST_CHECK enum err map_year(const struct ledger *l, enum ledger_column column, double span, const char *title,
+                             const struct paint_scale *scale, const char *path, struct reason *why);
+
+/* Sensors as squares where they are, seen along the normal of the first: value: [points->count]. */
+MUST_CHECK enum err map_sensors(const struct points *points, const double *value, const char *title,
+                                const struct paint_scale *scale, const char *path, struct reason *why);
+
+/* cdm2: [height][width]; lines separate the steps of the legend. */
+MUST_CHECK enum err map_luminance(const float *cdm2, uint32_t width, uint32_t height, const char *title,
+                                  const struct paint_scale *scale, const char *path, struct reason *why);

@@ -1,4 +1,4 @@
-#include "year/glare_view.h"
+#include "year/annual_internal.h"
 
 #include "base/mem.h"
 #include "base/vec.h"

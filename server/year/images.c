@@ -3,10 +3,9 @@
 #include "base/file_store.h"
 #include "base/mem.h"
 #include "image/codec/hdr_write.h"
-#include "image/codec/png_write.h"
+#include "image/codec/jpeg.h"
 #include "image/film/film.h"
-#include "light/radiance/view_line.h"
-#include "year/maps.h"
+#include "light/radiance/components.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,4 +1,4 @@
-#include "year/maps.h"
+#include "year/annual_internal.h"
 
 #include "base/vec.h"
 #include "image/film/false_colour.h"

@@ -2,7 +2,7 @@
 
 #include "base/file_store.h"
 #include "base/mem.h"
-#include "image/codec/png_write.h"
+#include "image/codec/jpeg.h"
 #include "image/film/false_colour.h"
 
 #include <ctype.h>

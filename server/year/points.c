@@ -4,7 +4,6 @@
 #include "base/sort.h"
 #include "base/vec.h"
 #include "scene/geometry/mesh_read.h"
-#include "year/spiral.h"
 
 #include <errno.h>
 #include <math.h>

@@ -4,7 +4,6 @@
 #include "base/mem.h"
 #include "base/sort.h"
 #include "base/text.h"
-#include "year/maps.h"
 
 #include <jansson.h>
 #include <math.h>

@@ -1,11 +1,10 @@
-#include "year/sunlight.h"
+#include "year/points.h"
 
 #include "base/luminance.h"
 #include "base/vec.h"
 #include "scene/geometry/coverage.h"
 #include "scene/geometry/scatter_hit.h"
 #include "sky/daylight/sun.h"
-#include "year/spiral.h"
 
 #include <math.h>
 

@@ -3,7 +3,7 @@
 #include "harness.h"
 
 #include "base/mem.h"
-#include "import/decoder/stream.h"
+#include "import/decoder/serve.h"
 #include "import/decoder/wire.h"
 #include "import/demux/demux.h"
 #include "import/demux/read.h"

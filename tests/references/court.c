@@ -1,6 +1,6 @@
 /* court FOLDER: writes the built-in scene as court.obj and court.json, for other renderers. All of it is matte, because
  * Cycles has no Phong, and flat, because it shades interpolated normals in its own way. */
-#include "import/reader/builtin.h"
+#include "import/reader/reader.h"
 #include "scene/geometry/mesh_read.h"
 
 #include <stdio.h>
@@ -71,8 +71,8 @@ int main(int argc, char **argv)
         return 2;
     }
     struct scene *s = scene_create_builtin();
-    const bool ok = s && write_file(s, write_meshes, argv[1], "court.obj") &&
-                    write_file(s, write_scene, argv[1], "court.json");
+    const bool ok =
+        s && write_file(s, write_meshes, argv[1], "court.obj") && write_file(s, write_scene, argv[1], "court.json");
     scene_destroy(s);
     return ok ? 0 : 1;
 }

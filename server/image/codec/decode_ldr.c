@@ -1,7 +1,7 @@
 #include "image/codec/decode.h"
 
+#include "base/luminance.h"
 #include "base/mem.h"
-#include "base/srgb.h"
 
 #include <math.h>
 #include <png.h>

@@ -1,4 +1,4 @@
-#include "image/codec/png_write.h"
+#include "image/codec/jpeg.h"
 
 #include "base/text.h"
 

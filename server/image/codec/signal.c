@@ -1,5 +1,5 @@
+#include "base/luminance.h"
 #include "image/codec/signal.h"
-#include "base/srgb.h"
 
 #include "image/codec/colour.h"
 

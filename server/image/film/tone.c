@@ -1,8 +1,7 @@
 #include "image/film/film.h"
 
-#include "base/vec.h"
 #include "base/luminance.h"
-#include "base/srgb.h"
+#include "base/vec.h"
 #include "image/film/false_colour.h"
 #include "image/film/tone_kernel.h"
 

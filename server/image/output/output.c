@@ -6,7 +6,6 @@
 #include "base/mem.h"
 #include "image/codec/exr_write.h"
 #include "image/codec/jpeg.h"
-#include "image/codec/png_write.h"
 #include "image/video/movie.h"
 
 #include <dirent.h>

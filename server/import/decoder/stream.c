@@ -1,7 +1,6 @@
-#include "import/decoder/stream.h"
+#include "import/decoder/serve.h"
 
 #include "base/mem.h"
-#include "import/decoder/texels.h"
 #include "import/decoder/wire.h"
 
 #include <libavcodec/avcodec.h>

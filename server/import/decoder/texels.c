@@ -1,4 +1,4 @@
-#include "import/decoder/texels.h"
+#include "import/decoder/serve.h"
 
 #include "base/mem.h"
 

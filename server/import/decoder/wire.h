@@ -1,10 +1,10 @@
-/* Messages between relightd and relight-decoder (import/sandbox/wire.h). File bytes and texels are exchanged through
+/* Messages between relightd and relight-decoder (import/sandbox/helper.h). File bytes and texels are exchanged through
  * two blocks of shared memory. Private to this room. */
 #pragma once
 
 #include "base/err.h"
 #include "image/codec/stream_format.h"
-#include "import/sandbox/wire.h"
+#include "import/sandbox/helper.h"
 
 #include <stdint.h>
 

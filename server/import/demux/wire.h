@@ -1,10 +1,10 @@
-/* Messages between a program and relight-demux (import/sandbox/wire.h). A packet's bytes are passed through shared
+/* Messages between a program and relight-demux (import/sandbox/helper.h). A packet's bytes are passed through shared
  * memory. Private to this room. */
 #pragma once
 
 #include "base/err.h"
 #include "image/codec/stream_format.h"
-#include "import/sandbox/wire.h"
+#include "import/sandbox/helper.h"
 
 #include <stdint.h>
 

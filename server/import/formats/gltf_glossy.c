@@ -1,8 +1,8 @@
 /* Specular-glossiness materials of glTF [KHR_materials_pbrSpecularGlossiness]. */
-#include "import/formats/gltf_glossy.h"
+#include "import/formats/gltf_source.h"
 
+#include "base/luminance.h"
 #include "base/mem.h"
-#include "base/srgb.h"
 #include "base/vec.h"
 #include "import/formats/internal.h"
 
@@ -51,7 +51,7 @@ void glossy_convert(const float diffuse[3], const float specular[3], float gloss
     for (int k = 0; k < 3; k++)
         matte[k] = diffuse[k] * below;
     const float metallic = solve_metallic(rgb_luminance(matte[0], matte[1], matte[2]),
-                                           rgb_luminance(specular[0], specular[1], specular[2]));
+                                          rgb_luminance(specular[0], specular[1], specular[2]));
     const float scatters = (1.0f - F0) * (1.0f - metallic);
     for (int k = 0; k < 3; k++) {
         const float reflected = specular[k] - F0 * (1.0f - metallic);

@@ -1,8 +1,8 @@
 #include "import/formats/internal.h"
 
 #include "base/log.h"
+#include "base/luminance.h"
 #include "base/mem.h"
-#include "base/srgb.h"
 
 #include <assimp/cfileio.h>
 #include <assimp/cimport.h>

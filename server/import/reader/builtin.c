@@ -1,6 +1,6 @@
 /* The built-in scene: a court with a sundial that shows the hour under the built-in sky. North is +Z, as in the sky:
  * the sun rises at -X, is over -Z at noon and sets at +X; the colonnade opens to the south. */
-#include "import/reader/builtin.h"
+#include "import/reader/reader.h"
 
 #include "import/reader/shape.h"
 #include "scene/geometry/scene_build.h"

@@ -1,5 +1,5 @@
 #define _GNU_SOURCE /* fallocate */
-#include "import/reader/parcel.h"
+#include "import/reader/wire.h"
 
 #include "base/mem.h"
 #include "scene/geometry/scene_build.h"

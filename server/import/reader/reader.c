@@ -5,7 +5,6 @@
 #include "base/log.h"
 #include "base/progress.h"
 #include "import/reader/files.h"
-#include "import/reader/parcel.h"
 #include "import/reader/wire.h"
 #include "import/sandbox/child.h"
 

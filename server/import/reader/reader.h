@@ -1,6 +1,6 @@
 /* Loads a scene from files through relight-reader, a confined process that cannot open files: this process opens the
  * files that a scene may use (files.h) and sends their descriptors. If a file makes relight-reader crash, hang or
- * exceed its limits, the scene is refused with a reason. The result is not trusted either (parcel.h). Thread: any. */
+ * exceed its limits, the scene is refused with a reason. The result is not trusted either (wire.h). Thread: any. */
 #pragma once
 
 #include "scene/geometry/scene.h"
@@ -28,3 +28,10 @@ struct scene_reading {
  * model. */
 MUST_CHECK enum err scene_load(const char *path, const struct scene_reading *reading, struct scene **out,
                                struct progress *progress, struct reason *why);
+
+/* ---- The built-in scene ---- */
+
+/* The built-in scene, shown if no file is given. Thread: any. */
+
+/* The caller owns it. NULL: out of memory. */
+struct scene *scene_create_builtin(void);

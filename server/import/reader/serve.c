@@ -1,7 +1,6 @@
 #include "import/reader/serve.h"
 
 #include "base/log.h"
-#include "import/reader/parcel.h"
 #include "import/reader/wire.h"
 #include "import/sandbox/confine.h"
 #include "import/sandbox/helper.h"

@@ -2,7 +2,7 @@
 #include "import/sandbox/child.h"
 
 #include "base/clock.h"
-#include "import/sandbox/wire.h"
+#include "import/sandbox/helper.h"
 
 #include <assert.h>
 #include <errno.h>

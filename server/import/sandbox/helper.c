@@ -1,7 +1,5 @@
 #include "import/sandbox/helper.h"
 
-#include "import/sandbox/wire.h"
-
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-#include "job/team/work.h"
+#include "job/team/team_internal.h"
 
 /* Whatever points into this process's memory. */
 static void forget_pointers(struct direct_desc *d)

@@ -28,7 +28,7 @@ struct audit_world {
     const struct audit_numbers *numbers;   /* filled */
     uint32_t classes, behind;              /* PATH_* at points seen directly, and seen in mirrors and through glass */
     bool background;                       /* the image has the sky */
-    bool whole; /* the image is a reference's (light/frame/reference.h), of `classes`: paths begin in the pixel */
+    bool whole; /* the image is a reference's (light/frame/relighter.h), of `classes`: paths begin in the pixel */
     const double *bare_ground; /* of path_world; NULL: the scene has no ground. Only with `whole` */
 };
 

@@ -1,6 +1,6 @@
 #include "light/cache/cache_folder.h"
 
-#include "base/folder.h"
+#include "base/file_store.h"
 #include "base/mem.h"
 
 #include <dirent.h>

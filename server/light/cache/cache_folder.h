@@ -12,7 +12,8 @@
 #define CACHE_FOLDER_SUFFIX ".transport"              /* of the files that count and that may be deleted */
 
 /* Writes the folder's path into path[size]: `requested`, or, if NULL, the first folder of $CACHE_DIRECTORY (systemd),
- * else that of base/folder.h. Creates nothing. ERR_USAGE: no variable names a folder; ERR_IO: the path is too long. */
+ * else that of base/file_store.h. Creates nothing. ERR_USAGE: no variable names a folder; ERR_IO: the path is too long.
+ */
 MUST_CHECK enum err cache_folder_find(const char *requested, char *path, size_t size, struct reason *why);
 
 /* Creates the folder if it is missing. ERR_IO: it cannot be created, is not a folder, belongs to another user than

@@ -33,3 +33,11 @@ bool cache_place_may_have(const struct cache_view *view, const char *file, const
 /* Call it before storing a file of `bytes`: creates the folder and frees room in it. ERR_IO: the folder does not exist
  * or cannot be written; ERR_RANGE: the file is too large for the cache folder. */
 MUST_CHECK enum err cache_place_prepare(const struct cache_place *p, uint64_t bytes, struct reason *why);
+
+/* ---- The digest of the code ---- */
+
+/* A digest of the code that computes the caches of light transport, made at build time (cache_code.cmake): sources of
+ * the rooms that a cache's bits depend on, and compiler and flags. It is part of a stored cache's key, so that no
+ * build loads a cache that it would compute differently. */
+
+extern const char cache_code[]; /* 64 hexadecimal digits */

@@ -1,4 +1,4 @@
-#include "light/cache_direct/file.h"
+#include "light/cache_direct/transport.h"
 
 #include "base/mem.h"
 #include "light/cache/cache_share.h"

@@ -1,7 +1,7 @@
 /* Keeps the inputs of the last frame and its light in two parts, so that a frame computes only the light that depends
  * on changed parts of the sky. A part is reused only if all of its inputs have the same bits, so that the frame has
  * those of one computed whole. */
-#include "light/cache_direct/last.h"
+#include "light/cache_direct/internal.h"
 
 #include "base/mem.h"
 
@@ -90,8 +90,7 @@ static bool keep_samples(struct transport_last *l, const struct transport_sun *b
 {
     const uint32_t count = b->strata * TRANSPORT_VARIANTS;
     const float *const from[] = { b->x, b->y, b->z, b->r, b->g, b->b, b->density };
-    float **const to[] = { &l->sun.x, &l->sun.y, &l->sun.z,      &l->sun.r,
-                           &l->sun.g, &l->sun.b, &l->sun.density };
+    float **const to[] = { &l->sun.x, &l->sun.y, &l->sun.z, &l->sun.r, &l->sun.g, &l->sun.b, &l->sun.density };
 
     if (count > l->capacity) {
         mem_free(l->values);

@@ -3,7 +3,6 @@
 #include "base/cancel.h"
 #include "base/denormals.h"
 #include "base/mem.h"
-#include "light/cache_direct/last.h"
 #include "light/cache_direct/internal.h"
 
 #include <assert.h>

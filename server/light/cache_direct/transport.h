@@ -16,7 +16,9 @@
  * the same bits at any number of them. LAPACK compresses; its rounding may differ between types of processors. */
 #pragma once
 
+#include "base/digest.h"
 #include "base/err.h"
+#include "light/cache/cache_file.h"
 #include "light/estimators/kernels.h"
 #include "scene/geometry/gbuffer.h"
 #include "scene/geometry/rays.h"
@@ -89,13 +91,13 @@ struct transport_frame {
 
 /* What a frame computed for a packet, beside what it took over from the last one. */
 enum transport_work {
-    TRANSPORT_WORK_CELLS = 1,  /* its light from cells and gazes */
-    TRANSPORT_WORK_SUN = 2, /* its light from the sun */
+    TRANSPORT_WORK_CELLS = 1, /* its light from cells and gazes */
+    TRANSPORT_WORK_SUN = 2,   /* its light from the sun */
 };
 
 struct transport_frame_stats {
     uint64_t rays;       /* traced towards the sun */
-    uint32_t sun;     /* texels of the sun */
+    uint32_t sun;        /* texels of the sun */
     uint32_t penumbra;   /* packets in penumbrae, which got more rays */
     uint32_t lit, shone; /* packets whose light from cells and gazes, and from the sun, was computed */
     double share;        /* of the map's energy that is bright, 0..1 */
@@ -170,3 +172,22 @@ const struct packet_list *transport_narrow(const struct transport *t);
 /* Packets whose block is missing or fading in, in a cache that is being built (light/cache_direct/live.h); otherwise
  * empty. Valid until the next transport_live_advance. */
 const struct packet_list *transport_unbuilt(const struct transport *t);
+
+/* ---- The file ---- */
+
+/* Stores the cache of direct light in a file (light/cache/cache_file.h), which a later run loads instead of computing
+ * it. A loaded cache has the same bits as the saved one. Thread: one per reader and writer. */
+
+/* The digest of everything that determines the transport: shade points, geometry, and desc except max_bytes, progress
+ * and cancel. */
+struct digest transport_key(const struct gbuffer *g, const struct scene *scene, const struct transport_desc *desc);
+
+/* Adds the sections of t to w, which borrows them: t must outlive w. cache_writer_store reports a lack of memory. */
+void transport_save(const struct transport *t, const struct digest *key, struct cache_writer *w);
+
+/* Loads the result of transport_create. The caller frees *out with transport_destroy; on an error it is NULL. The
+ * caller may compute the cache after ERR_FORMAT (damaged sections), ERR_UNSUPPORTED (another key), ERR_END (no such
+ * sections) and ERR_IO. ERR_RANGE: max_bytes is too small. ERR_NOMEM. */
+MUST_CHECK enum err transport_load(struct cache_reader *r, const struct digest *key, const struct gbuffer *g,
+                                   const struct rays *rays, const struct kernels *kernels,
+                                   const struct transport_desc *desc, struct transport **out, struct reason *why);

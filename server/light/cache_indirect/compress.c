@@ -1,6 +1,6 @@
 /* Compresses the gathered light of a group of blocks to as few bytes as the tolerance allows: first each block alone,
  * then all blocks' rows together, then each block within these. */
-#include "light/cache_indirect/compress.h"
+#include "light/cache_indirect/internal.h"
 
 #include "base/mem.h"
 

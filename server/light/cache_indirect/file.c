@@ -1,4 +1,4 @@
-#include "light/cache_indirect/file.h"
+#include "light/cache_indirect/indirect.h"
 
 #include "base/mem.h"
 #include "light/cache/cache_share.h"

@@ -1,6 +1,6 @@
 /* Gathers the light that shade points receive from records: per cell, to find the basis; in the basis, for the blocks.
  */
-#include "light/cache_indirect/compress.h"
+#include "light/cache_indirect/internal.h"
 
 #include "base/cancel.h"
 #include "base/denormals.h"
@@ -8,7 +8,6 @@
 #include "base/precedence.h"
 #include "light/cache/cache_share.h"
 #include "light/cache/memory.h"
-#include "light/cache_indirect/smooth.h"
 
 #include <cblas.h>
 #include <omp.h>

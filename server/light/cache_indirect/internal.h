@@ -298,3 +298,49 @@ MUST_CHECK enum err indirect_load_group(struct cache_reader *r, struct indirect_
 
 /* Sorts the blocks into groups of similar ones. ERR_NOMEM. */
 MUST_CHECK enum err indirect_group(struct indirect_cache *b, const struct indirect_desc *d);
+
+/* ---- compress.c ---- */
+
+/* Compresses a group of blocks to T = U W V with a common V. Private to the cache of indirect light. Thread: one per
+ * workspace. */
+
+struct indirect_workspace;
+
+struct indirect_workspace *indirect_workspace_create(uint32_t k); /* k: size of the basis; NULL when out of memory */
+void indirect_workspace_destroy(struct indirect_workspace *w);    /* NULL is allowed */
+
+/* Compresses one group: call begin, then for each row all of its blocks in order, followed by that row's end. blocks:
+ * the group's. t: float[points][3 k], destroyed. scale: float[points], above 0, the weight of a point's error. least:
+ * squared error that a rank must remove for each point, weighted. ERR_NOMEM. */
+void indirect_compress_begin(struct indirect_workspace *w);
+void indirect_compress_block(struct indirect_workspace *w, uint32_t slot, uint32_t row, uint32_t points, float *t,
+                             const float *scale, double least);
+MUST_CHECK enum err indirect_compress_end(struct indirect_workspace *w, struct indirect_group *g,
+                                          struct indirect_block *blocks, uint32_t row, double least);
+
+/* ---- smooth.c ---- */
+
+/* Smooths the noise of the gather over a group of blocks. Private to the cache of indirect light. Thread: one per
+ * smoother.
+ */
+
+#define INDIRECT_GROUP_POINTS (INDIRECT_GROUP * TRANSPORT_POINTS)
+
+struct indirect_smoother { /* a group's points, 64 per block */
+    float at[3][INDIRECT_GROUP_POINTS], normal[3][INDIRECT_GROUP_POINTS];
+    float near[INDIRECT_GROUP_POINTS]; /* harmonic mean distance to surrounding surfaces, m, above 0 */
+    bool used[INDIRECT_GROUP_POINTS];
+    float weights[TRANSPORT_POINTS][INDIRECT_GROUP_POINTS];
+};
+
+struct indirect_smoother *indirect_smoother_create(void);    /* NULL when out of memory */
+void indirect_smoother_destroy(struct indirect_smoother *s); /* NULL is allowed */
+
+/* from, to: float[64 blocks][wide], no overlap; unused points are ignored. Each block is averaged with `reach` blocks
+ * on either side. */
+void indirect_smooth(struct indirect_smoother *s, uint32_t blocks, uint32_t reach, uint32_t wide, const float *from,
+                     float *to);
+
+/* The sum of the weights, 0..1, of all points that are averaged with point p, from a quarter of them; blocks and reach
+ * as in indirect_smooth. */
+float indirect_alike(const struct indirect_smoother *s, uint32_t blocks, uint32_t reach, uint32_t p);

@@ -1,6 +1,6 @@
 /* Reduces the noise of gathered light: each point gets a weighted mean over similar points, whose rays are
  * independent. */
-#include "light/cache_indirect/smooth.h"
+#include "light/cache_indirect/internal.h"
 
 #include "base/mem.h"
 
@@ -137,7 +137,7 @@ static bool is_zero(const float *w, uint32_t stride, uint32_t first)
 }
 
 void indirect_smooth(struct indirect_smoother *s, uint32_t blocks, uint32_t reach, uint32_t wide, const float *from,
-                   float *to)
+                     float *to)
 {
     const uint32_t side = TRANSPORT_POINTS;
 

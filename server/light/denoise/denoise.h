@@ -3,8 +3,11 @@
  * the light tracer adds to pixels is not filtered. Thread: one at a time. */
 #pragma once
 
+#include "base/err.h"
 #include "scene/geometry/gbuffer.h"
 #include "scene/geometry/view.h"
+
+#include <stdint.h>
 
 struct denoiser;
 
@@ -19,3 +22,14 @@ float *denoiser_half(struct denoiser *d, int k);
 /* Writes the filtered mean of two halves, d's own or others, to lo; all float[packet_count][3][16]. lo is none of the
  * halves. */
 void denoiser_filter(struct denoiser *d, const float *const half[2], float *lo);
+
+/* ---- Splats ---- */
+
+/* Lone bright splats of the light tracer in denoised images (denoise.h), whose filter works on shade points. The
+ * excess of a pixel over four times the brightest of the 24 around it, in the sum of its channels, is spread evenly
+ * over the 5 x 5 pixels: the image keeps its light, which moves by two pixels at most. Lines and spots of caustics
+ * have bright neighbours and stay. */
+
+/* splats: float[height][width][3], of particles only, changed in place. Bits do not depend on the number of threads.
+ * ERR_NOMEM: unchanged. Thread: any. */
+MUST_CHECK enum err splats_spread(float *splats, uint32_t width, uint32_t height);

@@ -2,7 +2,7 @@
 
 #include "base/denormals.h"
 #include "base/mem.h"
-#include "light/denoise/filter_layers.h"
+#include "light/denoise/filter_kernel.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-#include "light/denoise/filter_layers.h"
+#include "light/denoise/filter_kernel.h"
 
 #include "base/mem.h"
 

@@ -1,7 +1,7 @@
 /* Distributes one image over several processes that hold the same set. The first process has the image's
- * environment. It describes the passes (job/team/work.h) and assigns the shade points; others run the passes for a part
- * of the packets, and the results are collected in one array. The bits equal those of one process, since a packet's
- * light depends on no other packet.
+ * environment. It describes the passes (job/team/team_internal.h) and assigns the shade points; others run the passes
+ * for a part of the packets, and the results are collected in one array. The bits equal those of one process, since a
+ * packet's light depends on no other packet.
  *
  * The first process does everything else: light added to pixels, resolving, histories and filters of noisy images. An
  * image that needs these at its shade points is not distributed. Thread: the relighter's. */
@@ -19,8 +19,8 @@ struct light_part {
 
 /* Lights all shade points of an image into lo with several processes; *stats is that of the caller's part. */
 struct light_team {
-    enum err (*points)(void *context, struct relighter *r, const struct environment *e,
-                       const struct frame_plan *plan, float *lo, struct relight_stats *stats);
+    enum err (*points)(void *context, struct relighter *r, const struct environment *e, const struct frame_plan *plan,
+                       float *lo, struct relight_stats *stats);
     void *context;
 };
 
@@ -66,6 +66,5 @@ uint64_t relighter_memory(const struct relighter *r);
 struct packet_list light_part_list(const struct packet_list *all, const struct light_part *part);
 
 /* Runs the passes for a part, into its packets of lo: float[packet_count][3][16]. Errors are those of relighter_run. */
-MUST_CHECK enum err relighter_run_part(struct relighter *r, const struct environment *e,
-                                       const struct frame_plan *plan, const struct light_part *part, float *lo,
-                                       struct relight_stats *stats);
+MUST_CHECK enum err relighter_run_part(struct relighter *r, const struct environment *e, const struct frame_plan *plan,
+                                       const struct light_part *part, float *lo, struct relight_stats *stats);

@@ -7,7 +7,6 @@
 #include "light/plan/budget.h"
 #include "light/plan/pilot_allot.h"
 #include "light/plan/pilot_measure.h"
-#include "light/plan/pilot_model.h"
 
 #define UNIT_PARTICLES 2048.0 /* n of particles: two halves of whole batches */
 
@@ -28,11 +27,11 @@ struct pilot {
     /* By request, scene and sky. */
     struct relight_desc wanted; /* the request that `plan` and `rule` belong to, without its borrowed pointers */
     struct plan plan;           /* by the rules, */
-    struct eye_paths_desc eye;          /* as passes; paths 0: none */
+    struct eye_paths_desc eye;  /* as passes; paths 0: none */
     struct light_tracer_desc light_by[2]; /* of PILOT_AIMED and PILOT_WHOLE; particles 0: none */
     bool background;
-    bool offered[PILOT_PARTS];  /* requested, and present in the scene */
-    double energy[CUBE_FACES];  /* of the sky that the readings belong to */
+    bool offered[PILOT_PARTS]; /* requested, and present in the scene */
+    double energy[CUBE_FACES]; /* of the sky that the readings belong to */
 
     struct model model[PILOT_PARTS];
     double n[PILOT_PARTS];          /* chosen */

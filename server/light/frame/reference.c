@@ -1,8 +1,6 @@
-#include "light/frame/reference.h"
+#include "light/frame/relighter.h"
 
-#include "light/estimators/baselines/mlt.h"
-#include "light/estimators/baselines/photons.h"
-#include "light/estimators/baselines/vpl.h"
+#include "light/estimators/baselines/path.h"
 #include "light/resolve/backplate.h"
 
 #include <assert.h>

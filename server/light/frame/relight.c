@@ -3,12 +3,10 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "base/progress.h"
-#include "light/denoise/denoise.h"
 #include "light/denoise/accumulation.h"
+#include "light/denoise/denoise.h"
 #include "light/frame/beside.h"
-#include "light/frame/reference.h"
 #include "light/frame/relighter.h"
-#include "light/frame/stated.h"
 #include "light/resolve/backplate.h"
 
 #define HALF_LEAST 8 /* of direct light alone without a history: with fewer, the filter loses at equal time */

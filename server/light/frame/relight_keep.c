@@ -1,11 +1,11 @@
 #include "light/frame/relight_keep.h"
 
 #include "base/log.h"
-#include "light/cache/cache_code.h"
 #include "light/cache/cache_folder.h"
+#include "light/cache/cache_place.h"
 #include "light/cache/cache_share.h"
-#include "light/cache_direct/file.h"
-#include "light/cache_indirect/file.h"
+#include "light/cache_direct/transport.h"
+#include "light/cache_indirect/indirect.h"
 
 #include <string.h>
 

@@ -6,7 +6,6 @@
 #include "base/rng.h"
 #include "light/denoise/accumulation.h"
 #include "light/denoise/denoise.h"
-#include "light/denoise/splats.h"
 #include "light/frame/beside.h"
 #include "light/frame/part.h"
 #include "light/frame/relighter.h"
@@ -199,9 +198,9 @@ static enum err run_eye_paths(struct frame_run *f, struct pass *s)
 {
     const struct prepared_scene *set = f->r->set;
     struct eye_paths_stats one = { 0 };
-    const enum err result = s->eye.paths == 0 ? ERR_OK
-                                              : eye_paths_shade(set->scene, set->rays, set->gbuffer, f->e, &s->eye,
-                                                                points_of(f, s), &one);
+    const enum err result =
+        s->eye.paths == 0 ? ERR_OK
+                          : eye_paths_shade(set->scene, set->rays, set->gbuffer, f->e, &s->eye, points_of(f, s), &one);
 
     s->rays = one.rays;
     f->stats->eye.paths += one.paths;
@@ -350,20 +349,11 @@ static enum err run_splats(struct frame_run *f, struct pass *s)
 }
 
 static enum err (*const run_pass[PASS_KINDS])(struct frame_run *, struct pass *) = {
-    [PASS_GLIDE] = run_glide,
-    [PASS_DIRECT] = run_direct,
-    [PASS_CACHED] = run_cached,
-    [PASS_EYE] = run_eye_paths,
-    [PASS_FILTER] = run_filter,
-    [PASS_ACCUMULATE] = run_accumulate,
-    [PASS_LEAVE] = run_leave,
-    [PASS_BEHIND] = run_behind,
-    [PASS_BESIDE] = run_beside,
-    [PASS_RESOLVE] = run_resolve,
-    [PASS_REST] = run_rest,
-    [PASS_STORED] = run_stored,
-    [PASS_PARTICLES] = run_particles,
-    [PASS_SPLATS] = run_splats,
+    [PASS_GLIDE] = run_glide,         [PASS_DIRECT] = run_direct, [PASS_CACHED] = run_cached,
+    [PASS_EYE] = run_eye_paths,       [PASS_FILTER] = run_filter, [PASS_ACCUMULATE] = run_accumulate,
+    [PASS_LEAVE] = run_leave,         [PASS_BEHIND] = run_behind, [PASS_BESIDE] = run_beside,
+    [PASS_RESOLVE] = run_resolve,     [PASS_REST] = run_rest,     [PASS_STORED] = run_stored,
+    [PASS_PARTICLES] = run_particles, [PASS_SPLATS] = run_splats,
 };
 
 /* Where the time of a pass is reported. */

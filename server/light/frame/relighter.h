@@ -2,6 +2,7 @@
  * relighter's. */
 #pragma once
 
+#include "light/frame/relight.h"
 #include "light/frame/relight_cache.h"
 #include "light/frame/relight_caustics.h"
 #include "light/frame/relight_passes.h"
@@ -30,3 +31,22 @@ void relighter_forget(struct relighter *r);
 
 /* Fills r->packets. False: out of memory. */
 bool relighter_number_packets(struct relighter *r);
+
+/* ---- reference.c ---- */
+
+/* One entry point for all methods that render whole images, camera rays included: the reference and the baselines of
+ * server/light/estimators/baselines. */
+
+/* Fills rgb float[height][width][3] by desc->direct.method, which must be one of them, with desc->direct.samples per
+ * pixel. Sets the reference fields of *stats. ERR_NOMEM; METHOD_COMPONENTS: errors of relight_whole. Runs on all OpenMP
+ * threads. */
+MUST_CHECK enum err reference_run(const struct prepared_scene *set, const struct environment *e,
+                                  const struct relight_desc *desc, float *rgb, struct relight_stats *stats);
+
+/* ---- stated.c ---- */
+
+/* Audits the relighter's images and states their error (light/audit/audit.h): relighter_state_error of
+ * relight_passes.h. Private to this room. Thread: the relighter's. */
+
+struct stated;
+void stated_destroy(struct stated *s); /* NULL is allowed */

@@ -4,7 +4,7 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "base/progress.h"
-#include "import/reader/builtin.h"
+#include "import/reader/reader.h"
 #include "light/frame/facts.h"
 #include "scene/geometry/ground.h"
 

@@ -1,4 +1,4 @@
-#include "light/frame/stated.h"
+#include "light/frame/relighter.h"
 
 #include "base/cancel.h"
 #include "base/clock.h"
@@ -6,11 +6,10 @@
 #include "base/rng.h"
 #include "light/audit/purse.h"
 #include "light/audit/trace.h"
-#include "light/denoise/denoise.h"
 #include "light/denoise/accumulation.h"
+#include "light/denoise/denoise.h"
 #include "light/frame/facts.h"
 #include "light/frame/frame_plan.h"
-#include "light/frame/relighter.h"
 #include "light/resolve/backplate.h"
 #include "light/resolve/resolve.h"
 

@@ -1,5 +1,4 @@
 #include "light/inspector/inspector.h"
-#include "light/inspector/inspector_internal.h"
 
 #include "base/mem.h"
 #include "base/rng.h"

@@ -1,4 +1,4 @@
-#include "light/inspector/inspector_internal.h"
+#include "light/inspector/inspector.h"
 
 #include "base/mem.h"
 #include "base/rng.h"

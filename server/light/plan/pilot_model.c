@@ -1,4 +1,4 @@
-#include "light/plan/pilot_model.h"
+#include "light/plan/pilot_measure.h"
 
 #include <math.h>
 

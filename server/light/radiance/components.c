@@ -5,7 +5,6 @@
 #include "base/progress.h"
 #include "image/codec/frame.h"
 #include "image/codec/hdr_write.h"
-#include "light/radiance/view_line.h"
 #include "sky/daylight/reinhart.h"
 
 #include <errno.h>

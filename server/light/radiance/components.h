@@ -10,6 +10,7 @@
 #include "base/err.h"
 #include "base/file_pattern.h"
 #include "light/frame/relight.h"
+#include "scene/geometry/view.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -35,8 +36,17 @@ MUST_CHECK enum err components_create(const struct components_desc *desc, struct
 void components_destroy(struct components *c); /* NULL is allowed */
 
 /* The image, float[height][width][3], under the sky with these radiances, float[reinhart_count][3]. */
-MUST_CHECK enum err components_image(struct components *c, const float (*radiance)[3], float *rgb,
-                                       struct reason *why);
+MUST_CHECK enum err components_image(struct components *c, const float (*radiance)[3], float *rgb, struct reason *why);
 
 /* One Radiance image a patch, with the patch's number in its name. */
 MUST_CHECK enum err components_write(const struct components_desc *desc, struct reason *why);
+
+/* ---- Radiance's VIEW line ---- */
+
+/* A camera as Radiance's VIEW line, for the header of an image. Thread: any. */
+
+#define RADIANCE_VIEW_LINE 512
+
+/* "VIEW= -vtv -vp ...\n" in Radiance's axes: x east, y north, z up. -vd and -vu need not be perpendicular.
+ * "" for an equisolid fisheye, which Radiance does not support. */
+void radiance_view_line(const struct view *v, char out[RADIANCE_VIEW_LINE]);

@@ -6,7 +6,6 @@
 #include "base/mem.h"
 #include "image/codec/decode.h"
 #include "light/cache/memory.h"
-#include "light/radiance/sky_patches.h"
 #include "sky/daylight/reinhart.h"
 #include "sky/daylight/sky_matrix.h"
 

@@ -1,6 +1,6 @@
 /* --method components: daylight coefficients read back [Tregenza and Waters 1983]. A part is the image under a sky
  * whose radiance is 1 in one patch of Radiance's sky (sky/daylight/reinhart.h) and 0 elsewhere; the image under any sky
- * is the sum of the parts, each times its patch's mean radiance (sky_patches.h), as dctimestep makes it:
+ * is the sum of the parts, each times its patch's mean radiance (parts.h), as dctimestep makes it:
  *     rgb(x) = sum over p of L_p part_p(x).
  * They come from `relight-render --components`, or from Radiance's rcontrib and rfluxmtx: as one image a patch, or as
  * a view matrix, with a row for each pixel, from the top left, and a column for each patch.
@@ -11,6 +11,7 @@
 
 #include "base/err.h"
 #include "light/frame/relight.h"
+#include "sky/tables/environment.h"
 
 #include <stdint.h>
 
@@ -36,3 +37,13 @@ uint64_t parts_bytes(const struct parts *p); /* memory of the texels */
 
 /* The image under a sky: rgb float[height][width][3], radiance float[patches][3]. */
 void parts_image(const struct parts *p, const float (*radiance)[3], float *rgb);
+
+/* ---- Sky patches ---- */
+
+/* An environment map as the patches of Radiance's sky (sky/daylight/reinhart.h), for sums of daylight coefficients.
+ * Thread: any that may read the environment; all OpenMP threads are used. */
+
+/* The mean radiance of each patch, gain and rotation included: the integral of L over the patch's solid angle, divided
+ * by it. Of a lat-long map the integral of its texels is exact; of other layouts each texel of the cube map belongs to
+ * the patch of its middle. radiance: float[reinhart_count(mf)][3]. ERR_NOMEM. */
+MUST_CHECK enum err sky_patches(const struct environment *e, uint32_t mf, float (*radiance)[3]);

@@ -1,4 +1,4 @@
-#include "light/radiance/sky_patches.h"
+#include "light/radiance/parts.h"
 
 #include "base/mem.h"
 #include "base/vec.h"

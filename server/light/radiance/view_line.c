@@ -1,4 +1,4 @@
-#include "light/radiance/view_line.h"
+#include "light/radiance/components.h"
 
 #include "base/vec.h"
 

@@ -1,8 +1,8 @@
 /* Errors of direct light by the cache of light transport. */
 #include "measure/bench/cached.h"
 
+#include "base/luminance.h"
 #include "base/mem.h"
-#include "base/srgb.h"
 #include "light/cache_direct/internal.h"
 #include "light/resolve/resolve.h"
 #include "measure/compare/flip.h"
@@ -136,8 +136,7 @@ static double crosswise_delta_e(const struct cached *c, const struct cached_trut
     return pixels ? roots / (double)pixels : 0.0;
 }
 
-enum err cached_bias(struct bench *b, struct cached *c, bool sun, struct bench_row *rel_mse,
-                     struct bench_row *delta_e)
+enum err cached_bias(struct bench *b, struct cached *c, bool sun, struct bench_row *rel_mse, struct bench_row *delta_e)
 {
     struct environment *clamped = NULL;
     struct cached_truth t = { { NULL } };

@@ -4,7 +4,7 @@
 #include "base/clock.h"
 #include "base/handoff.h"
 #include "base/mem.h"
-#include "import/reader/builtin.h"
+#include "import/reader/reader.h"
 
 #include <math.h>
 #include <omp.h>
@@ -13,7 +13,7 @@
 
 #define WARM 4          /* images before the first that counts: more than slots */
 #define RUN_SECONDS 0.4 /* that a run of counted images takes at least */
-#define IMAGES_MAX 64 /* of them */
+#define IMAGES_MAX 64   /* of them */
 #define TRIANGLES_MAX 4000000u
 #define FRAMES_WARM 10 /* before allocations count */
 #define FRAMES_COUNTED 10
@@ -409,10 +409,10 @@ static enum err make_fine(const struct bench *b, struct prepared_scene *fine, st
 enum err bench_triangles(struct bench *b, struct bench_row *row)
 {
     const struct prepared_scene_desc given = { .scene = b->desc->scene_fine,
-                                    .reading = b->desc->reading,
-                                    .width = b->desc->width,
-                                    .height = b->desc->height,
-                                    .kernels = b->kernels };
+                                               .reading = b->desc->reading,
+                                               .width = b->desc->width,
+                                               .height = b->desc->height,
+                                               .kernels = b->kernels };
     struct prepared_scene made = { .scene = NULL }, *loaded = NULL;
     struct reason why = { "" };
     enum err e;

@@ -1,11 +1,11 @@
 #include "measure/chart/chart.h"
 
 #include "base/clock.h"
-#include "base/folder.h"
+#include "base/file_store.h"
 #include "base/progress.h"
 #include "measure/chart/panel.h"
 #include "measure/chart/script.h"
-#include "measure/compare/ramp.h"
+#include "measure/compare/error_map.h"
 #include "sky/source/source.h"
 
 #include <errno.h>

@@ -1,4 +1,4 @@
-#include "measure/chart/errors.h"
+#include "measure/chart/judge.h"
 
 #include "measure/compare/flip.h"
 #include "measure/compare/metrics.h"

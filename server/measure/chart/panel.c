@@ -7,9 +7,8 @@
 #include "image/codec/jpeg.h"
 #include "image/film/film.h"
 #include "light/resolve/resolve.h"
-#include "measure/chart/errors.h"
+#include "measure/chart/judge.h"
 #include "measure/chart/script.h"
-#include "measure/chart/thumb.h"
 
 #include <math.h>
 #include <string.h>

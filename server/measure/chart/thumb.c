@@ -1,10 +1,10 @@
-#include "measure/chart/thumb.h"
+#include "measure/chart/judge.h"
 
 #include "base/mem.h"
 #include "base/text.h"
 #include "image/codec/jpeg.h"
 #include "image/film/film.h"
-#include "measure/compare/ramp.h"
+#include "measure/compare/error_map.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,7 +1,6 @@
 #include "measure/compare/error_map.h"
 
 #include "base/mem.h"
-#include "measure/compare/ramp.h"
 
 #include <math.h>
 #include <png.h>

@@ -1,7 +1,7 @@
-#include "measure/compare/ramp.h"
+#include "measure/compare/error_map.h"
 
+#include "base/luminance.h"
 #include "base/vec.h"
-#include "base/srgb.h"
 #include "image/film/film.h"
 
 #include <math.h>

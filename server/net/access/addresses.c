@@ -1,4 +1,4 @@
-#include "net/access/addresses.h"
+#include "net/access/site.h"
 
 #include <arpa/inet.h>
 #include <ifaddrs.h>

@@ -34,3 +34,13 @@ void site_finish(struct site *site); /* zeroed memory is allowed */
 
 /* The file at path, which has no query; owned by site. NULL: none. "/index.html" is "/". */
 const struct site_file *site_find(const struct site *site, const char *path);
+
+/* ---- Addresses ---- */
+
+/* This machine's own network addresses. Thread: any. */
+
+#define ADDRESSES_MAX 32
+#define ADDRESS_TEXT 46
+
+/* Numeric, without loopback and link-local ones, IPv4 first, in the system's order. Returns their number. */
+size_t addresses_of_machine(char out[ADDRESSES_MAX][ADDRESS_TEXT]);

@@ -5,6 +5,7 @@
 #include "base/err.h"
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 struct tls;
@@ -25,3 +26,14 @@ bool tls_restrict(void *context);
 /* Makes handshakes in that context use *shown as it is at that time, and no certificate of the context. Open
  * connections keep theirs. *shown outlives the context; only the handshaking thread changes it. */
 void tls_show(void *context, struct tls *const *shown);
+
+/* ---- Self-signed certificates ---- */
+
+/* A self-signed certificate for a LAN: browsers ask once, other programs get the file with --ca. Thread: any. */
+
+/* Writes the paths of dir/cert.pem and dir/key.pem to cert[size] and key[size]. Makes both, and dir, if they are not
+ * there or the certificate ends within a month: for this machine's names and addresses and `names` (separated by
+ * commas; NULL: none), for two years; the key has mode 0600. Logs the fingerprint, and names and addresses that a kept
+ * certificate lacks. ERR_USAGE: names dir or file and fault. ERR_NOMEM. */
+MUST_CHECK enum err tls_self_signed(const char *dir, const char *names, char *cert, char *key, size_t size,
+                                    struct reason *why);

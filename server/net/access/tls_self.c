@@ -1,7 +1,7 @@
-#include "net/access/tls_self.h"
+#include "net/access/tls.h"
 
 #include "base/log.h"
-#include "net/access/addresses.h"
+#include "net/access/site.h"
 
 #include <arpa/inet.h>
 #include <errno.h>

@@ -1,4 +1,4 @@
-#include "base/folder.h"
+#include "base/file_store.h"
 #include "base/log.h"
 #include "net/publish/sink.h"
 

@@ -1,5 +1,3 @@
-#include "net/stream/control.h"
-
 #include "net/stream/internal.h"
 
 #include <stdio.h>

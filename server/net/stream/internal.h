@@ -2,14 +2,13 @@
  * marked {lock} or atomic. */
 #pragma once
 
+#include "base/err.h"
 #include "net/access/site.h"
 #include "net/access/tls.h"
 #include "net/message/message.h"
 #include "net/stream/assembly.h"
-#include "net/stream/control.h"
 #include "net/stream/ingest.h"
 #include "net/stream/limits.h"
-#include "net/stream/pixel_inspector.h"
 #include "net/stream/prometheus.h"
 #include "net/stream/server.h"
 
@@ -17,6 +16,71 @@
 #include <pthread.h>
 #include <stdatomic.h>
 #include <string.h>
+
+/* ---- Pixel inspector ---- */
+
+/* Queries about pixels (PROTOCOL.md 4.15 to 4.17): pending queries, unsent answers, and pixels followed from image to
+ * image. Guarded by the server's lock. */
+
+#define INSPECTIONS_WAITING 8
+#define INSPECTIONS_ANSWERS 8
+#define INSPECTIONS_RATE 4.0  /* answers per second, for all clients together: a token bucket */
+#define INSPECTIONS_BURST 8.0 /* its size */
+
+struct inspect_reply {
+    uint64_t by, request;
+    bool sky_alone;
+    char *text; /* the answer's fields; NULL: none, because of */
+    char error[sizeof(struct reason)];
+};
+
+struct inspect_followed {
+    struct server_follow pixel;
+    struct server_radiance radiance;
+    bool due; /* not sent yet */
+};
+
+struct inspections {
+    struct server_inspection waiting[INSPECTIONS_WAITING];
+    unsigned waiting_count;
+    struct inspect_reply answers[INSPECTIONS_ANSWERS]; /* to send; when full, the oldest is dropped */
+    unsigned answer_count;
+    struct inspect_followed followed[SERVER_FOLLOWED_MAX];
+    unsigned followed_count;
+    struct bucket questions;
+};
+
+/* Frees the unsent answers; zeroed memory is allowed. Thread: the owner's, when no other thread uses p. */
+void inspections_finish(struct inspections *p);
+
+/* ---- Control ---- */
+
+/* Controllers' requests and the current settings. Guarded by the server's lock. */
+
+#define CONTROL_WAITING 16 /* pending requests */
+#define CONTROL_ANSWERS 32
+
+struct control_answer {
+    uint64_t by, request;
+    char error[sizeof(struct reason)]; /* "": success */
+    const char *clause;
+};
+
+struct control {
+    struct server_control waiting[CONTROL_WAITING];
+    unsigned waiting_count;
+    struct control_answer answers[CONTROL_ANSWERS]; /* to send; when full, the oldest is dropped */
+    unsigned answer_count;
+    char *shared;         /* the settings, see message_control_shared; NULL: unknown */
+    uint64_t version;     /* increases with each change */
+    uint64_t by, request; /* of the last change */
+};
+
+/* Queues a request, or merges it into the last one of the same controller. False: the queue is full. Takes the lock
+ * itself. Any thread. */
+MUST_CHECK bool control_ask(struct server *s, const struct server_control *c);
+
+/* ---- Connections ---- */
 
 /* Kinds of image, each with its own newest image and sequence numbers: JPEG and EXR formats, JPEG at half and
  * quarter size, the tracks of H.264, and renditions. A kind is an enum protocol_format or one of these. */

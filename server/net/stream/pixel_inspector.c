@@ -1,5 +1,3 @@
-#include "net/stream/pixel_inspector.h"
-
 #include "net/stream/internal.h"
 
 #include <stdio.h>

@@ -1,11 +1,10 @@
 /* Compares an image with a reference: means, relative squared error, visible error, and an error map. */
 #include "base/file_pattern.h"
 #include "base/log.h"
+#include "base/luminance.h"
 #include "base/mem.h"
 #include "base/setting_table.h"
 #include "base/vec.h"
-#include "base/luminance.h"
-#include "base/srgb.h"
 #include "image/codec/decode.h"
 #include "image/codec/exr_write.h"
 #include "image/film/film.h"

@@ -3,9 +3,7 @@
 #include "base/config.h"
 #include "base/mem.h"
 #include "base/notify.h"
-#include "net/access/tls_self.h"
-#include "relightd/daemon/links.h"
-#include "relightd/daemon/options.h"
+#include "net/access/tls.h"
 #include "relightd/daemon/state.h"
 
 #include <errno.h>

@@ -2,20 +2,21 @@
  * writes it once at startup; then every thread may read it without a lock. */
 #pragma once
 
-#include "relightd/daemon/settings.h"
-
+#include "base/command.h"
 #include "base/log.h"
 #include "import/decoder/decoder.h"
-#include "light/frame/relight.h"
 #include "light/frame/refine.h"
+#include "light/frame/relight.h"
 #include "net/publish/target.h"
 #include "net/stream/server.h"
+#include "relightd/daemon/settings.h"
 #include "sky/source/sky.h"
 #include "sky/source/source.h"
 #include "sky/tables/environment.h"
 
 #include <stdbool.h>
 #include <stdint.h>
+#include <stdio.h>
 
 /* How the ranks of a job send the light of shade points, and whether a single process rounds it in the same way. */
 enum part_floats { PART_AUTO, PART_HALF, PART_FLOAT };
@@ -26,9 +27,9 @@ struct daemon_config {
                            samples, classes, rotation and scale come from the current settings instead */
     int part_floats;    /* enum part_floats */
     struct refiner_wish converge; /* error 0: still images are not refined */
-    double image_s;           /* limit on the time per image for controllers' settings */
-    double rate;                /* frames per second from the source; 0: as fast as they are rendered */
-    double h264_bits;           /* maximum bits per second of the full-size track; 0: by size and rate */
+    double image_s;               /* limit on the time per image for controllers' settings */
+    double rate;                  /* frames per second from the source; 0: as fast as they are rendered */
+    double h264_bits;             /* maximum bits per second of the full-size track; 0: by size and rate */
     struct setting_texts publish_urls;
     struct publish_target publish[SETTING_TEXTS_MAX]; /* the parsed publish targets */
     struct server_desc server_desc;
@@ -60,3 +61,26 @@ void config_readings_finish(struct config_readings *r);
 /* Reloads everything (SIGHUP). Applies changes that are possible at run time and logs those that need a restart; on a
  * fault, logs it and changes nothing. */
 void daemon_config_reload(struct config_readings *r, struct settings_store *settings, struct server *server);
+
+/* ---- Links for people ---- */
+
+/* relightd --show-link: the server's URLs for people and programs, with their tokens. */
+
+/* Prints the URLs; codes: with QR codes for the page's. ERR_USAGE: the port is not known in advance. Main thread. */
+MUST_CHECK enum err links_print(const struct server_desc *desc, FILE *out, bool codes, struct reason *why);
+
+/* ---- Flags ---- */
+
+/* The flags of relightd, which are also the keys of a configuration file. Main thread. */
+
+/* All flags and their values. */
+struct daemon_flags {
+    struct command command; /* contains pointers into itself: do not copy */
+};
+
+/* Sets every flag to its default. */
+void daemon_flags_init(struct daemon_flags *f);
+
+/* Translates the flags into *c, which must be zeroed. The table keeps the ownership of strings. ERR_USAGE names the
+ * flag. */
+MUST_CHECK enum err daemon_config_from_flags(struct daemon_flags *f, struct daemon_config *c, struct reason *why);

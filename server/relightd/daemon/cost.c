@@ -1,4 +1,4 @@
-#include "relightd/daemon/cost.h"
+#include "relightd/daemon/shade_internal.h"
 
 #include "light/frame/frame_plan.h"
 

@@ -4,7 +4,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "image/codec/exr_write.h"
-#include "image/codec/png_write.h"
+#include "image/codec/jpeg.h"
 #include "image/film/scale.h"
 
 #include <math.h>

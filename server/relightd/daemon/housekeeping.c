@@ -1,4 +1,4 @@
-#include "relightd/daemon/housekeeping.h"
+#include "relightd/daemon/service_manager.h"
 
 #include "base/clock.h"
 #include "base/log.h"

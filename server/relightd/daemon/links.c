@@ -1,7 +1,7 @@
-#include "relightd/daemon/links.h"
+#include "relightd/daemon/config.h"
 
-#include "net/access/addresses.h"
 #include "net/access/qr.h"
+#include "net/access/site.h"
 
 #include <ctype.h>
 #include <string.h>

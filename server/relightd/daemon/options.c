@@ -1,4 +1,4 @@
-#include "relightd/daemon/options.h"
+#include "relightd/daemon/config.h"
 
 #include "base/setting_table.h"
 #include "image/video/h264.h"

@@ -1,20 +1,40 @@
 /* The shade thread's private data. Only shade.c, refine.c, camera.c and probe.c include this. */
 #pragma once
 
-#include "relightd/daemon/cost.h"
-#include "relightd/daemon/shade.h"
-#include "relightd/daemon/shared.h"
-
 #include "base/progress.h"
 #include "light/frame/changes.h"
 #include "light/frame/decide.h"
+#include "light/frame/refine.h"
 #include "light/frame/relight.h"
 #include "light/frame/relight_lamps.h"
-#include "light/frame/refine.h"
 #include "light/inspector/inspector_report.h"
+#include "relightd/daemon/shade.h"
+#include "relightd/daemon/shared.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
+
+/* ---- cost.c ---- */
+
+/* Estimates the cost of images from finished ones. Pure functions; the caller measures the time. Thread: one per
+ * struct cost. */
+
+struct cost {          /* seconds; zeroed: unknown */
+    double sample_s;   /* per light sample of a shading point */
+    double path_s;     /* per eye path; 0: unknown */
+    double particle_s; /* per particle of the light tracer; 0: unknown */
+    double fixed_s;    /* per image, independent of its samples */
+};
+
+/* Takes the cost of an image with this number of shading points and these sample counts. Do not pass images whose
+ * counts the pilot chose. */
+void cost_learn(struct cost *c, uint64_t points, const struct relight_desc *light, const struct relight_stats *stats);
+
+/* Seconds that an image of a view with these facts would take with light's method, counts and paths, under the most
+ * expensive sky. Unknown costs are estimated from known ones; 0: no cost is known. */
+double cost_estimate(const struct cost *c, const struct plan_facts *facts, const struct relight_desc *light);
+
+/* ---- The shade thread ---- */
 
 /* The displayed image and its inputs. */
 struct shown_image {
@@ -81,8 +101,8 @@ struct lighting {
 
 struct shade_thread {
     struct shared *shared;
-    struct prepared_scene *set;                   /* the displayed view */
-    struct prepared_scene *first_set;             /* the command line's view; owns the scene and rays of all views */
+    struct prepared_scene *set;        /* the displayed view */
+    struct prepared_scene *first_set;  /* the command line's view; owns the scene and rays of all views */
     struct relighter *relighter;       /* of set */
     struct relighter *first_relighter; /* of first_set, for lockstep sequences; NULL: not needed now */
     struct parts *parts;               /* of METHOD_COMPONENTS; NULL: none */
@@ -91,13 +111,13 @@ struct shade_thread {
     bool coarse_view;       /* `set` is coarse: a finer one follows while its camera stays selected */
     struct decider decider; /* auto's measurements of `set`, for `relighter` */
     struct shown_lamps lamps;
-    struct changes changes; /* from image to image, while somebody asks for them */
-    struct inspector *inspector;  /* NULL until needed */
+    struct changes changes;      /* from image to image, while somebody asks for them */
+    struct inspector *inspector; /* NULL until needed */
     struct sky_answer sky;
     struct refinement refine;
     const struct shaded *last; /* the last published image; NULL: none */
     uint64_t display_version;  /* version of the settings it was published with */
-    uint64_t images;         /* number made outside lockstep sequences */
+    uint64_t images;           /* number made outside lockstep sequences */
     struct cost cost;          /* measured cost of images */
     unsigned cuts;             /* consecutive images cancelled by new settings */
     double cut_s;              /* time of the last one (clock_seconds); 0: an image was finished since */

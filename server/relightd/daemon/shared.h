@@ -1,5 +1,5 @@
 /* Data shared by the threads of relightd. All other data belongs to one thread: ingest.h, shade.h, encode.h,
- * housekeeping.h, service_manager.h. */
+ * service_manager.h, service_manager.h. */
 #pragma once
 
 #include "net/publish/publish.h"
@@ -26,7 +26,7 @@ struct shared {
 
     struct settings_store settings;
     struct status_board status;
-    struct frame_slots frames;     /* ingest -> shade */
+    struct frame_slots frames; /* ingest -> shade */
     struct image_slots images; /* shade -> encode */
     struct image_watch watch;
 

@@ -1,4 +1,4 @@
-#include "scene/geometry/first_hits.h"
+#include "scene/geometry/free_view.h"
 
 #include "base/mem.h"
 #include "scene/geometry/coverage.h"

@@ -1,4 +1,4 @@
-#include "scene/geometry/normal_map.h"
+#include "scene/geometry/scatter_hit.h"
 
 #include "scene/geometry/mesh_read.h"
 #include "scene/surface/scatter.h"

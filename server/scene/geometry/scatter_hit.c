@@ -1,7 +1,5 @@
 #include "scene/geometry/scatter_hit.h"
 
-#include "scene/geometry/normal_map.h"
-
 void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv_step)[2], struct scatter *out)
 {
     const uint32_t material = scene->meshes[h->mesh].material;

@@ -17,3 +17,12 @@ void scatter_light_at(const struct scene *scene, const struct rays *rays, const 
 /* As scatter_at, with out->surface already filled. uv_step[4]: the two edges of the area over which textures are
  * averaged, in the mesh's first texture coordinates, then in its second; NULL: no averaging. */
 void scatter_on(const struct scene *scene, const struct hit *h, const float (*uv_step)[2], struct scatter *out);
+
+/* ---- Normal maps ---- */
+
+/* Normal maps [glTF 2.0, section 3.9.3]. Thread: any. */
+
+/* Applies the material's normal map to at->shading, as set by rays_surface; normals are averaged over the footprint. A
+ * normal that would face behind the triangle is tilted until it no longer does. Does nothing if the mesh has no
+ * tangents. uv_step: see scatter_of. */
+void normal_map_turn(const struct scene *scene, const struct hit *h, const float (*uv_step)[2], struct surface *at);

@@ -1,5 +1,5 @@
+#include "base/vec.h"
 #include "scene/geometry/scene_build.h"
-#include "scene/geometry/vec3d.h"
 
 #include "base/mem.h"
 

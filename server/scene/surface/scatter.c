@@ -1,13 +1,12 @@
 #include "scene/surface/scatter.h"
 
 #include "base/rng.h"
-#include "scene/surface/sheen.h"
 
 #include <math.h>
 #include <string.h>
 
 #define GGX_SPARED 0.0137f /* the largest difference of the two shares, at any angle, by quadrature */
-#define VEIL_GAIN 1.027f /* of the lobe of roughness 0.3 at a cosine of 0.6, over F(n.o) */
+#define VEIL_GAIN 1.027f   /* of the lobe of roughness 0.3 at a cosine of 0.6, over F(n.o) */
 
 static float brightness(struct vec3 v)
 {
@@ -378,8 +377,8 @@ struct thin_glass thin_glass_at(float ior, struct vec3 tint, float cosine)
         reflected[k] = (float)(f + f * tints[k] * (double)passed[k]);
     }
     return (struct thin_glass){ { reflected[0], reflected[1], reflected[2] },
-                           { passed[0], passed[1], passed[2] },
-                           1.0f - (passed[0] + passed[1] + passed[2]) / 3.0f };
+                                { passed[0], passed[1], passed[2] },
+                                1.0f - (passed[0] + passed[1] + passed[2]) / 3.0f };
 }
 
 struct vec3 surface_start(const struct surface *s, float side)
@@ -506,9 +505,9 @@ static uint32_t light_by(const struct scatter *s, struct vec3 dir, struct vec3 n
     const double f = s->delta == DELTA_GLASS ? refract(dir, n, eta, &through) : 1.0;
     if (out_g > 0.0f &&
         by_shading_normal(at->geometric, at->shading, vec3_scale(back, -1.0f), s->delta, eta) == shading) {
-        const struct vec3 r = s->delta == DELTA_GLASS   ? grey(f)
+        const struct vec3 r = s->delta == DELTA_GLASS        ? grey(f)
                               : s->delta == DELTA_THIN_GLASS ? reflectance_of_thin_glass(s, in_g, out_g)
-                                                        : reflectance_at(s, in_n);
+                                                             : reflectance_at(s, in_n);
         set_ray(&out[count++], s, 1.0f, back, vec3_scale(r, veil_passes(&s->veil, back) * out_g / in_g));
     }
     if (f >= 1.0)

@@ -19,11 +19,11 @@
 
 enum delta_kind {
     DELTA_NONE,
-    DELTA_MIRROR, /* the same reflectance at all angles */
-    DELTA_GLOSS,  /* a sharp GGX lobe: reflectance rises to 1 at grazing angles [Schlick 1994, Eq. 15] */
-    DELTA_GLASS,  /* reflection and refraction by Fresnel */
-    DELTA_THIN_GLASS,  /* reflection of a thin sheet of glass; rays that it transmits do not hit it
-                     (coverage.h) */
+    DELTA_MIRROR,     /* the same reflectance at all angles */
+    DELTA_GLOSS,      /* a sharp GGX lobe: reflectance rises to 1 at grazing angles [Schlick 1994, Eq. 15] */
+    DELTA_GLASS,      /* reflection and refraction by Fresnel */
+    DELTA_THIN_GLASS, /* reflection of a thin sheet of glass; rays that it transmits do not hit it
+                    (coverage.h) */
 };
 
 /* A coated surface has two layers with lobes of their own. The camera sees both; other paths choose one at random. */
@@ -54,8 +54,8 @@ static inline bool veil_is(const struct veil *v)
 /* Transmittance of the coat and sheen for light from below towards wo. For the coat it is 1 - coat F(n.o), with F by
  * [Schlick 1994] as in glTF. Light is not attenuated on its way in, because the coat's internal reflection compensates
  * for that loss. F is that of a smooth coat, enlarged by 2.7 %, so that no lobe of any roughness reflects more. For
- * sheen it is glTF's 1 - max(colour) E(o), with E from sheen.h; the sheen itself is matte with albedo E(o) towards wo.
- * wo: as for the lobe below (scatter_side). */
+ * sheen it is glTF's 1 - max(colour) E(o), with E from scatter.h; the sheen itself is matte with albedo E(o) towards
+ * wo. wo: as for the lobe below (scatter_side). */
 float veil_passes(const struct veil *v, struct vec3 wo);
 
 struct scatter {
@@ -159,3 +159,12 @@ struct thin_glass {
 
 /* cosine: of a ray with the normal, of either sign; tint: of light that passes once. */
 struct thin_glass thin_glass_at(float ior, struct vec3 tint, float cosine);
+
+/* ---- Sheen ---- */
+
+/* The albedo of sheen [KHR_materials_sheen], as of cloth, under a uniform sky. Thread: any. */
+
+/* The directional albedo of white sheen with this roughness (0..1; below 0.1 as 0.1) for a direction with this cosine
+ * to the normal: the integral of D V cos over the hemisphere, with D and V of [Estevez and Kulla 2017] for alpha =
+ * roughness^2; 0..1. */
+float sheen_albedo(float cosine, float roughness);

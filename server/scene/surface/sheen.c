@@ -1,4 +1,4 @@
-#include "scene/surface/sheen.h"
+#include "scene/surface/scatter.h"
 
 #include <math.h>
 

@@ -75,3 +75,9 @@ void texture_alpha_limits(const struct texture *t, float *low, float *high);
 /* Bounds of mean alphas about (u, v), out to at least `width` texels of the finest level in each direction: *low is 1
  * if alpha is 1 everywhere there, *high is 0 if it is 0 everywhere. */
 void texture_alpha_around(const struct texture *t, float u, float v, float width, float *low, float *high);
+
+/* ---- Private to texture*.c ---- */
+
+/* What the texture*.c files share. Private to them. */
+
+extern const float texture_srgb[256]; /* linear values of sRGB bytes, rising from 0 to 1 */

@@ -1,4 +1,4 @@
-#include "scene/surface/texture_internal.h"
+#include "scene/surface/texture.h"
 
 #include "base/mem.h"
 

@@ -1,4 +1,4 @@
-#include "sky/daylight/matrix_suns.h"
+#include "sky/daylight/sky_matrix.h"
 
 #include "base/mem.h"
 #include "base/vec.h"

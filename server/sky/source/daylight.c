@@ -4,8 +4,8 @@
 #include "base/luminance.h"
 #include "base/mem.h"
 #include "base/vec.h"
-#include "sky/daylight/matrix_suns.h"
 #include "sky/daylight/reinhart.h"
+#include "sky/daylight/sky_matrix.h"
 #include "sky/daylight/sun.h"
 #include "sky/source/sky.h"
 

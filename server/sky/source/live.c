@@ -1,4 +1,4 @@
-#include "sky/source/live.h"
+#include "sky/source/footage.h"
 
 #include "base/clock.h"
 #include "base/log.h"

@@ -8,9 +8,7 @@
 #include "sky/source/daylight.h"
 #include "sky/source/files.h"
 #include "sky/source/footage.h"
-#include "sky/source/live.h"
 #include "sky/source/sky.h"
-#include "sky/source/watch.h"
 
 #include <assert.h>
 #include <inttypes.h>

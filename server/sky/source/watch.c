@@ -1,4 +1,4 @@
-#include "sky/source/watch.h"
+#include "sky/source/files.h"
 
 #include "base/mem.h"
 

@@ -1,6 +1,6 @@
 #include "support/unit.h"
 
-#include "clients/common/offset.h"
+#include "clients/common/message.h"
 
 static void no_ping_is_no_estimate(void **state)
 {

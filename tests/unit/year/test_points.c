@@ -5,7 +5,6 @@
 #include "scene/surface/scatter.h"
 #include "support/unit.h"
 #include "year/points.h"
-#include "year/sunlight.h"
 
 #include <unistd.h>
 

@@ -1,9 +1,9 @@
-#include "light/estimators/baselines/mlt.h"
+#include "light/estimators/baselines/path.h"
 
 #include "base/cancel.h"
+#include "base/luminance.h"
 #include "base/mem.h"
 #include "base/rng.h"
-#include "base/luminance.h"
 
 #include <assert.h>
 #include <math.h>

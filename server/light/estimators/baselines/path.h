@@ -4,7 +4,7 @@
  * over the pixel (box filter), and selects one continuation at mirrors and glass instead of following all.
  *
  * A sample is a function of indexed random numbers in [0, 1): the same index always decides the same thing. Here they
- * come from a counter; mlt.h mutates them.
+ * come from a counter; path.h mutates them.
  *
  * Unbiased, except for paths of more than PATH_EVENTS_MAX events. Thread: any. */
 #pragma once
@@ -78,3 +78,54 @@ void path_sample(const struct path_world *world, uint32_t classes, const double 
  * first rough surface is there. Positions 0 and 1 of the numbers and the first event's choice are not used. */
 void path_sample_point(const struct path_world *world, const struct shade_packet *p, uint32_t lane, uint32_t classes,
                        struct numbers *numbers, double rgb[3], uint64_t *rays);
+
+/* ---- Photon mapping ---- */
+
+/* Photon mapping [Jensen 1996]: stores particles from the sky where they hit a D lobe; the radiance of a point is
+ * estimated from its nearest photons and the disc that contains them. [DH09, section 1] suggests this use of its light
+ * paths. For comparison on the charts; `auto` never selects it.
+ *
+ * Background and direct light are path.h's. Caustics have a separate map, whose particles start at the boxes of
+ * specular objects. The estimate is blurred by the disc: biased at edges, in corners and on curved surfaces, and
+ * consistent only as the number of particles goes to infinity. Thread: any; runs on all OpenMP threads. */
+
+/* As path_render. Each of the two maps gets as many particles as the image has samples, at most 2^20, and is evaluated
+ * for an eighth of the samples of each pixel. stats includes everything and describes the bias. ERR_NOMEM. */
+MUST_CHECK enum err photons_render(const struct path_world *world, const struct path_desc *desc, float *rgb,
+                                   struct path_stats *stats);
+
+/* ---- Virtual point lights ---- */
+
+/* Virtual point lights [Keller 1997]: particles from the sky leave a small light wherever they hit a D lobe, and these
+ * light what the camera sees. [DH09, section 1] suggests this use of its light paths. For comparison on the charts;
+ * `auto` never selects it.
+ *
+ * Background and direct light are path.h's. Indirect light is what the lights contribute where they are visible from
+ * the point: paths with a mirror or glass in between, and caustics, are missing. The contribution of a near light is
+ * clamped to what the patch it represents could contribute, so that corners are too dark, less so with more samples.
+ * Thread: any; runs on all OpenMP threads. */
+
+/* As path_render; desc->samples is also the number of particles: sample i of every pixel is lit by particle i. stats
+ * includes both and describes the bias. ERR_NOMEM. */
+MUST_CHECK enum err vpl_render(const struct path_world *world, const struct path_desc *desc, float *rgb,
+                               struct path_stats *stats);
+
+/* ---- Metropolis light transport ---- */
+
+/* Metropolis light transport in primary sample space [Kelemen et al. 2002], on top of path.h: Markov chains over the
+ * random numbers of a sample. A mutation changes all numbers slightly, or redraws all of them (a large step, 30 %).
+ * Chains spend more time where paths carry more luminance; both the current and the proposed state are splatted,
+ * weighted by their probability. Large steps also count as independent samples, by the balance heuristic.
+ *
+ * Normalisation comes from a bootstrap of independent samples. Chains start at bootstrap samples selected in proportion
+ * to luminance; with the bootstrap's mean as weight, all states are unbiased from the start, and none is discarded
+ * [Veach 1997, chapter 11]. The balance weights come from a separate pilot. The image is therefore unbiased for any
+ * number of mutations, like path.h's, but its error is distributed unevenly and correlated between pixels.
+ * Thread: any; runs on all OpenMP threads. */
+
+/* As path_render, with desc->samples mutations per pixel; stats->samples includes bootstrap and pilot, about a quarter
+ * more. Chains are many and short, their number depends only on the image size, and splats are integers, so that the
+ * result does not depend on the number of threads. The image is black once cancelled, or if neither pilot nor bootstrap
+ * found light. ERR_NOMEM. */
+MUST_CHECK enum err mlt_render(const struct path_world *world, const struct path_desc *desc, float *rgb,
+                               struct path_stats *stats);

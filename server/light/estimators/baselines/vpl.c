@@ -1,4 +1,4 @@
-#include "light/estimators/baselines/vpl.h"
+#include "light/estimators/baselines/path.h"
 
 #include "base/cancel.h"
 #include "base/mem.h"

@@ -1,5 +1,5 @@
 /* PNG files, read back by libpng. */
-#include "image/codec/png_write.h"
+#include "image/codec/jpeg.h"
 
 #include "base/mem.h"
 #include "base/rng.h"

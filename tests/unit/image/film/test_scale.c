@@ -1,4 +1,4 @@
-#include "base/srgb.h"
+#include "base/luminance.h"
 #include "image/film/scale.h"
 
 #include "support/unit.h"

@@ -1,9 +1,9 @@
 #include "image/film/false_colour.h"
 #include "image/film/film.h"
 
+#include "base/luminance.h"
 #include "base/rng.h"
 #include "base/vec.h"
-#include "base/srgb.h"
 #include "light/frame/near.h"
 #include "support/unit.h"
 

@@ -3,8 +3,8 @@
 #include "image/film/tone_kernel.h"
 #include "light/estimators/levels.h"
 
+#include "base/luminance.h"
 #include "base/rng.h"
-#include "base/srgb.h"
 #include "support/unit.h"
 
 #include <float.h>

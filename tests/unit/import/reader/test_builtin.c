@@ -1,4 +1,4 @@
-#include "import/reader/builtin.h"
+#include "import/reader/reader.h"
 #include "scene/geometry/files.h"
 
 #include "scene/geometry/rays.h"

@@ -4,7 +4,7 @@
 #include "scene/geometry/files.h"
 
 #include "base/rng.h"
-#include "import/reader/parcel.h"
+#include "import/reader/wire.h"
 
 #include <sys/mman.h>
 

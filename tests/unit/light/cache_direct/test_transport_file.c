@@ -1,7 +1,7 @@
 /* The cache of light transport as a file: another run gets the same bits, and whatever is wrong is refused. */
-#include "light/cache_direct/file.h"
 #include "light/cache_direct/internal.h"
 #include "light/cache_direct/sealed.h"
+#include "light/cache_direct/transport.h"
 #include "light/cache_direct/transports.h"
 #include "light/estimators/points.h"
 #include "light/frame/relight.h"
@@ -149,7 +149,7 @@ static void cuts_and_flipped_bits_are_refused(void **state)
 static void what_was_made_of_something_else_is_refused(void **state)
 {
     const struct prepared_scene_desc others[] = { { .width = 24, .height = 15, .edge_rays = 1 },
-                                       { .width = 24, .height = 14, .edge_rays = 2 } };
+                                                  { .width = 24, .height = 14, .edge_rays = 2 } };
     struct stage s;
     struct transport *t;
     struct reason why = { "" };

@@ -1,5 +1,5 @@
 /* Frames under a sky of which only some has changed: they compute that alone, and have the bits of whole frames. */
-#include "light/cache_direct/last.h"
+#include "light/cache_direct/internal.h"
 #include "light/cache_direct/transports.h"
 #include "light/frame/relight.h"
 #include "support/sets.h"

@@ -1,6 +1,6 @@
 /* The cache of indirect light, held to closed forms, to eye paths, and to a sun that moves. */
 #include "light/cache_indirect/bounces.h"
-#include "light/cache_indirect/smooth.h"
+#include "light/cache_indirect/internal.h"
 
 #include <omp.h>
 

@@ -1,8 +1,8 @@
 /* The cache of indirect light as a file: another run gets the same bits, and whatever is wrong is refused. */
-#include "light/cache_direct/file.h"
 #include "light/cache_direct/sealed.h"
+#include "light/cache_direct/transport.h"
 #include "light/cache_direct/transports.h"
-#include "light/cache_indirect/file.h"
+#include "light/cache_indirect/indirect.h"
 #include "light/cache_indirect/internal.h"
 #include "light/estimators/points.h"
 #include "light/frame/relight.h"

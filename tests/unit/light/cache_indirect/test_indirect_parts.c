@@ -1,9 +1,7 @@
 /* The steps of the cache of indirect light, each by itself, on numbers worked out by hand. */
 #include "base/mem.h"
 #include "base/rng.h"
-#include "light/cache_indirect/compress.h"
 #include "light/cache_indirect/internal.h"
-#include "light/cache_indirect/smooth.h"
 #include "light/estimators/levels.h"
 
 #include <math.h>

@@ -3,7 +3,6 @@
 #pragma once
 
 #include "base/mem.h"
-#include "light/estimators/baselines/mlt.h"
 #include "light/estimators/baselines/path.h"
 #include "light/estimators/kernels.h"
 #include "light/frame/relight.h"
@@ -51,8 +50,7 @@ static inline bool seen_is_mixed(const struct gbuffer *g, size_t i)
     const uint32_t first = g->entry_first[i], count = g->entry_first[i + 1] - first;
     const uint32_t point = count ? g->entries[first].point : 0;
 
-    return count != 1 || g->miss_first[i + 1] > g->miss_first[i] ||
-           g->packets[point / PACKET].behind[point % PACKET];
+    return count != 1 || g->miss_first[i + 1] > g->miss_first[i] || g->packets[point / PACKET].behind[point % PACKET];
 }
 
 static inline void seen_find_plain(struct seen *s)

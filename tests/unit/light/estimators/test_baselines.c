@@ -1,6 +1,5 @@
 /* Photons and virtual point lights: consistent but biased, so they are held to the path tracer by stated bounds. */
-#include "light/estimators/baselines/photons.h"
-#include "light/estimators/baselines/vpl.h"
+#include "light/estimators/baselines/path.h"
 #include "light/estimators/worlds.h"
 
 #include <omp.h>
@@ -220,7 +219,7 @@ static void cancelled_work_and_a_black_sky_are_black(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(photons_bring_indirect_light),      cmocka_unit_test(photons_bring_caustics),
     cmocka_unit_test(point_lights_bring_indirect_light), cmocka_unit_test(point_lights_and_their_pixels_are_counted),
-    cmocka_unit_test(background_and_direct_are_paths),    cmocka_unit_test(a_dim_sky_lights_as_a_bright_one_everywhere),
-    cmocka_unit_test(threads_do_not_change_a_bit),        cmocka_unit_test(cancelled_work_and_a_black_sky_are_black),
+    cmocka_unit_test(background_and_direct_are_paths),   cmocka_unit_test(a_dim_sky_lights_as_a_bright_one_everywhere),
+    cmocka_unit_test(threads_do_not_change_a_bit),       cmocka_unit_test(cancelled_work_and_a_black_sky_are_black),
 };
 UNIT_MAIN(tests)

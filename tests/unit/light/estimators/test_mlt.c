@@ -1,5 +1,5 @@
 /* Metropolis against the path tracer below it, class by class, and its own rules. */
-#include "light/estimators/baselines/mlt.h"
+#include "light/estimators/baselines/path.h"
 #include "light/estimators/worlds.h"
 
 #include <omp.h>

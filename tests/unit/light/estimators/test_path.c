@@ -1,6 +1,6 @@
 /* The reference against closed forms, against the direct estimator that shares nothing with it but rays and lobes, and
  * against itself. */
-#include "import/reader/builtin.h"
+#include "import/reader/reader.h"
 #include "light/estimators/direct.h"
 #include "light/estimators/kernels.h"
 #include "light/estimators/worlds.h"

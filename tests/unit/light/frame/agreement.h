@@ -20,9 +20,7 @@
 
 #include "light/estimators/points.h"
 
-#include "import/reader/builtin.h"
 #include "import/reader/reader.h"
-#include "light/estimators/baselines/mlt.h"
 #include "light/estimators/baselines/path.h"
 #include "light/estimators/caustic_store.h"
 #include "light/estimators/eye_paths.h"
@@ -134,9 +132,7 @@ static inline void world_close_look(struct world *w)
 static inline void world_look(struct world *w, uint32_t width, uint32_t height)
 {
     const struct camera *camera = scene_camera(w->scene, NULL);
-    const struct gbuffer_desc desc = {
-        .camera = camera, .width = width, .height = height, .edge_rays = 1
-    };
+    const struct gbuffer_desc desc = { .camera = camera, .width = width, .height = height, .edge_rays = 1 };
     struct reason why = { "" };
 
     if (!w->rays)

@@ -9,7 +9,7 @@
 #include "light/estimators/courts.h"
 #include "scene/geometry/scatter_hit.h"
 #include "scene/surface/lobe.h"
-#include "scene/surface/sheen.h"
+#include "scene/surface/scatter.h"
 
 enum { WIDTH = 24, HEIGHT = 18 };
 
@@ -137,11 +137,11 @@ static void assert_caches_agree(struct material floor)
     struct environment *e = sky();
     struct transport *t = transport_of(x.gbuffer, x.rays, &(struct transport_desc){ .per_cell = 1 });
     const struct indirect_desc desc = { .scene = x.scene,
-                                      .rays = x.rays,
-                                      .gbuffer = x.gbuffer,
-                                      .direct = t,
-                                      .eye = x.scene->cameras[0].position,
-                                      .records = 3000 };
+                                        .rays = x.rays,
+                                        .gbuffer = x.gbuffer,
+                                        .direct = t,
+                                        .eye = x.scene->cameras[0].position,
+                                        .records = 3000 };
     const struct technique direct = { "path", BY_PATH, PATH_DIRECT, .count = 512 },
                            indirect = { "path", BY_PATH, PATH_INDIRECT_LIT, .count = 512 };
     const double want = measure(&w, &direct).mean[0], want_later = measure(&w, &indirect).mean[0];

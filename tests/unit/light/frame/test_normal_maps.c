@@ -7,7 +7,7 @@
 #include "light/estimators/points.h"
 
 #include "light/estimators/direct.h"
-#include "scene/geometry/normal_map.h"
+#include "scene/geometry/scatter_hit.h"
 #include "scene/geometry/scene_build.h"
 #include "scene/surface/lobe.h"
 

@@ -1,5 +1,5 @@
-/* Lone splats in denoised images (light/denoise/splats.h). RING: docs/examples. */
-#include "light/denoise/splats.h"
+/* Lone splats in denoised images (light/denoise/denoise.h). RING: docs/examples. */
+#include "light/denoise/denoise.h"
 #include "light/frame/stage.h"
 
 #include <math.h>

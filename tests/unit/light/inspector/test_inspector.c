@@ -1,5 +1,5 @@
 /* A pixel's light taken apart: the parts add up to the image, and are what they say. */
-#include "import/reader/builtin.h"
+#include "import/reader/reader.h"
 #include "light/estimators/points.h"
 #include "light/estimators/worlds.h"
 #include "light/frame/relight.h"
@@ -72,13 +72,13 @@ static void take_image(struct stand *s, const struct direct_desc *desc)
 static struct inspect_desc question(const struct stand *s, const struct direct_desc *direct, uint32_t x, uint32_t y)
 {
     return (struct inspect_desc){ .scene = s->scene,
-                                .view = &s->view,
-                                .gbuffer = s->gbuffer,
-                                .rays = s->rays,
-                                .environment = s->sky,
-                                .direct = *direct,
-                                .x = x,
-                                .y = y };
+                                  .view = &s->view,
+                                  .gbuffer = s->gbuffer,
+                                  .rays = s->rays,
+                                  .environment = s->sky,
+                                  .direct = *direct,
+                                  .x = x,
+                                  .y = y };
 }
 
 static struct inspect_result *ask(const struct stand *s, const struct inspect_desc *desc)
@@ -412,7 +412,7 @@ static void a_pixel_is_divided_as_in_closed_form(void **state)
 
     for (int mirror = 0; mirror < 2; mirror++) {
         const double half = (double)a / 2.0, lo[INSPECT_PARTS] = { half, mirror ? 0.0 : half / (1.0 - half) - half,
-                                                                 mirror ? half * (double)r : 0.0 };
+                                                                   mirror ? half * (double)r : 0.0 };
         struct scene *scene = scene_create();
         add_quads(scene, add_lambert(scene, a), sides[0], 1);
         add_quads(scene,

@@ -1,7 +1,6 @@
 /* What the pilot knows and how: its groups hold every pixel once, its models stand on readings. */
 #include "light/frame/pilots.h"
 #include "light/plan/pilot_measure.h"
-#include "light/plan/pilot_model.h"
 
 #include <math.h>
 

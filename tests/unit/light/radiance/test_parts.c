@@ -3,7 +3,6 @@
 #include "image/codec/hdr_write.h"
 #include "light/estimators/points.h"
 #include "light/radiance/parts.h"
-#include "light/radiance/sky_patches.h"
 #include "sky/daylight/reinhart.h"
 #include "support/sets.h"
 #include "support/skies.h"

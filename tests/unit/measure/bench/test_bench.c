@@ -1,7 +1,7 @@
 #include "measure/bench/bench_internal.h"
 
 #include "base/mem.h"
-#include "import/reader/builtin.h"
+#include "import/reader/reader.h"
 #include "scene/geometry/scene.h"
 #include "support/unit.h"
 

@@ -1,6 +1,5 @@
 /* Errors against a truth that is known only through two noisy references. Here the truth is known: an image of 40 x 30
  * pixels with values of 0.2 to 1.2; noise is even, of a stated standard deviation, independent in every channel. */
-#include "measure/chart/errors.h"
 #include "measure/chart/judge.h"
 
 #include "base/rng.h"

@@ -2,9 +2,9 @@
  * two small texts beside it, a QR code and this machine's addresses. */
 #include "support/unit.h"
 
-#include "net/access/addresses.h"
 #include "net/access/figures.h"
 #include "net/access/qr.h"
+#include "net/access/site.h"
 
 #include <arpa/inet.h>
 #include <ctype.h>

@@ -1,5 +1,5 @@
 /* The certificate of the server's own: for whom it is, how long, who may read its key, and when it is made again. */
-#include "net/access/tls_self.h"
+#include "net/access/tls.h"
 #include "support/unit.h"
 
 #include <openssl/pem.h>

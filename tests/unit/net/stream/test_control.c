@@ -1,7 +1,7 @@
 /* PROTOCOL.md 4.13: controllers, and who is told what. */
 #include "net/stream/producing.h"
 
-#include "net/stream/control.h"
+#include "net/stream/internal.h"
 #include "relightd/settings/settings.h"
 
 #include <math.h>

@@ -4,8 +4,8 @@
 #include "base/rng.h"
 #include "scene/geometry/coverage.h"
 #include "scene/geometry/mesh_read.h"
-#include "scene/geometry/normal_map.h"
 #include "scene/geometry/rays.h"
+#include "scene/geometry/scatter_hit.h"
 #include "scene/geometry/scene_digest.h"
 #include "scene/surface/scatter.h"
 

@@ -1,5 +1,5 @@
 /* Suns of gendaymtx -D: which time step each is of, and taking them out of the patches again. */
-#include "sky/daylight/matrix_suns.h"
+#include "sky/daylight/sky_matrix.h"
 
 #include "base/mem.h"
 #include "base/vec.h"
