@@ -8,8 +8,8 @@
 
 #define PROTOCOL_NAME "relight.v1" /* the WebSocket subprotocol */
 #define PROTOCOL_PATH "/ws"
-#define PROTOCOL_MAJOR 1
-#define PROTOCOL_MINOR 2
+#define PROTOCOL_MAJOR 1 /* a peer with another one is refused */
+#define PROTOCOL_MINOR 2 /* what this PROTOCOL.md describes */
 
 #define PROTOCOL_PICTURE_BYTES 80            /* size of a picture's header in this version */
 #define PROTOCOL_PICTURE_FLAGS_AT 7          /* offset of its flags */

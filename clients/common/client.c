@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define EXIT_REFUSED 3
+#define EXIT_REFUSED 3  /* 1 and 2 are err_exit_code's */
 #define GOODBYE_MS 2000 /* time limit for ending in good order */
 #define TOKEN_MAX 255
 

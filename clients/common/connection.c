@@ -21,7 +21,7 @@
 #define OUTBOX_MOST ((size_t)64 << 10) /* bytes of text messages that wait: acks, pings */
 #define CLOSING_MS 2000                /* for the server to answer a close frame */
 #define WELCOME_MS 10000
-#define TICK_US 100000
+#define TICK_US 100000  /* at most, between two looks at the clock and at signals */
 #define SETTLED_MS 5000 /* a connection that lasted so long was no accident */
 #define PING_MS 1000
 

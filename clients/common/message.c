@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#define NAME_MOST 64
+#define NAME_MOST 64 /* bounds names from the network */
 
 json_t *message_read(const uint8_t *bytes, size_t size, const char **op)
 {

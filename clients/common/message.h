@@ -30,7 +30,7 @@ bool message_is_sequence_name(const char *name);
 /* Estimates how far the server's clock is ahead of this computer's, from pings (PROTOCOL.md 5.6): the shortest of the
  * last twenty round trips counts, with an error of at most half of it. Pure; one thread per estimate. */
 
-#define OFFSET_TRIPS 20
+#define OFFSET_TRIPS 20 /* 20 s: a ping a second */
 
 struct offset_trip {
     int64_t ahead_us, trip_us;

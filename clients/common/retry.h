@@ -6,7 +6,7 @@
 
 #include <stdbool.h>
 
-#define RETRY_FIRST_MS 500
+#define RETRY_FIRST_MS 500  /* the back-off of PROTOCOL.md, section 8 */
 #define RETRY_MOST_MS 10000 /* also what "later" waits at least */
 #define RETRY_JITTER 0.2
 

@@ -5,7 +5,7 @@
 #include "clients/feed/parcel.h"
 #include "sky/source/source.h"
 
-#define READER_SLOTS 2
+#define READER_SLOTS 2 /* one is sent while the next is read */
 
 struct reader;
 

@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SIZE_MAX_SIDE 16384
+#define SIZE_MAX_SIDE 16384 /* the G-buffer's limit */
 
 /* ---- The flags of a program ---- */
 
@@ -105,7 +105,7 @@ bool command_flag_equals(const struct command_flag *a, const struct command_flag
 
 /* ---- Parsing ---- */
 
-#define NAME_MOST 40
+#define NAME_MOST 40 /* more than the longest name */
 
 /* Insertions, deletions, replacements and swaps of neighbours that turn one name into the other; NAME_MOST: too long.
  */

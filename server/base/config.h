@@ -11,7 +11,7 @@
 
 struct config;
 
-#define CONFIG_BYTES_MAX ((size_t)1 << 20)
+#define CONFIG_BYTES_MAX ((size_t)1 << 20) /* all flags take a few KB: a larger file is a mistake */
 
 /* Reads a file. The caller owns *out. On error *out is NULL and *why begins with the file and, if known, the line.
  * ERR_IO: cannot be read. ERR_FORMAT: not JSON, not an object, or a duplicate key. ERR_RANGE: too large. ERR_NOMEM. */

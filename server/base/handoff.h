@@ -7,8 +7,8 @@
 #include <pthread.h>
 #include <stdbool.h>
 
-#define HANDOFF_SLOTS 3
-#define HANDOFF_SLOTS_EARLY 4
+#define HANDOFF_SLOTS 3       /* one is written, one ready, one read */
+#define HANDOFF_SLOTS_EARLY 4 /* and one taken before its turn */
 #define HANDOFF_NONE (-1)
 
 struct handoff {

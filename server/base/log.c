@@ -13,7 +13,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#define TEXT 1024
+#define TEXT 1024 /* longer messages are cut */
 
 /* Set once before other threads start, read-only afterwards. */
 static const char *log_program = "relight";

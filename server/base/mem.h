@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#define MEM_ALIGN 64
+#define MEM_ALIGN 64 /* a cache line, and a vector of AVX-512 */
 
 /* count * size zeroed bytes. NULL on overflow or out of memory. count or size may be 0; the result is still a valid
  * pointer. */

@@ -8,7 +8,7 @@
 #include <stdatomic.h>
 #include <unistd.h>
 
-#define REDRAW_MS 100
+#define REDRAW_MS 100   /* of a line on a terminal */
 #define LOG_MS 10000    /* without a terminal */
 #define KNOWN_FROM 0.02 /* share of the work; before, the time left would be a guess of hours */
 #define PACED 0.05      /* likewise, since pace_take was first called */

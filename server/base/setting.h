@@ -24,7 +24,7 @@ enum setting_type {
     SETTING_KEYS,       /* KEY=VALUE,...: values of the rows of SETTING_TUNE; stores nothing itself */
 };
 
-#define SETTING_TEXTS_MAX 8
+#define SETTING_TEXTS_MAX 8 /* bounds what --publish sends to */
 struct setting_texts {
     const char *text[SETTING_TEXTS_MAX]; /* they point to the arguments */
     uint32_t count;
@@ -70,9 +70,9 @@ struct setting {
     const char *initial; /* the default as text; NULL: none */
     enum setting_level level;
     const char *section; /* heading in --help */
-    unsigned programs; /* FOR_*; 0: all */
-    unsigned needs;    /* NEEDS_*: builds that lack one of them do not offer the flag, or, where there is `also`, */
-    const char *also;  /* this end of the help; NULL: none */
+    unsigned programs;   /* FOR_*; 0: all */
+    unsigned needs;      /* NEEDS_*: builds that lack one of them do not offer the flag, or, where there is `also`, */
+    const char *also;    /* this end of the help; NULL: none */
 
     enum setting_type type;
     uint32_t offset, size;                /* of the field in the struct of values; size 0: the value is not stored */

@@ -7,7 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#define FIRST_CAPACITY 4096
+#define FIRST_CAPACITY 4096 /* it doubles from there */
 
 void text_finish(struct text *t)
 {

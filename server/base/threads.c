@@ -7,7 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#define VARIABLES_MOST 4096
+#define VARIABLES_MOST 4096 /* of the environment; those beyond are lost to the restarted program */
 
 extern char **environ;
 

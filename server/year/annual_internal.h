@@ -15,7 +15,7 @@
 
 #include <stdint.h>
 
-#define IMAGES_MAX 64
+#define IMAGES_MAX 64 /* bounds a table */
 
 struct annual_image { /* one requested image */
     int month, day;

@@ -30,7 +30,7 @@ static const char *const columns[LEDGER_COLUMNS] = {
 };
 
 #define KEY_FILE ".run"
-#define LINE_MAX_BYTES ((size_t)1 << 20)
+#define LINE_MAX_BYTES ((size_t)1 << 20) /* bounds a row of POINTS_MAX values */
 
 void ledger_path(const char *folder, const char *name, char *out)
 {

@@ -57,4 +57,4 @@ void ledger_close(struct ledger *l); /* zeroed memory is allowed */
 
 /* "folder/name" into out[4096 + 64]. */
 void ledger_path(const char *folder, const char *name, char *out);
-#define LEDGER_PATH (4096 + 64)
+#define LEDGER_PATH (4096 + 64) /* PATH_MAX of Linux and a name */

@@ -400,7 +400,7 @@ void points_finish(struct points *p)
 
 /* ---- Points within solids ---- */
 
-#define LOOKS 64
+#define LOOKS 64   /* directions; chosen, not measured */
 #define NEAR 1e-4f /* m: a point on a surface does not meet it */
 
 /* By directions of the hemisphere, cosine-weighted. */

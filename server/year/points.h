@@ -12,7 +12,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#define POINTS_MAX 20000
+#define POINTS_MAX 20000 /* bounds the memory of a year */
 
 struct points {
     struct sensor *at;

@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#define FIRST_ROOM ((size_t)1 << 20)
+#define FIRST_ROOM ((size_t)1 << 20) /* for a pipe, whose size is unknown; it doubles */
 
 static const uint8_t exr_magic[4] = { 0x76, 0x2f, 0x31, 0x01 };
 

@@ -11,7 +11,7 @@
 
 #define EXR_POLICY_ATTRIBUTES 1024 /* maximum number of attributes in a header */
 
-#define EXR_COMPRESSIONS 10
+#define EXR_COMPRESSIONS 10                                       /* that OpenEXR defines */
 extern const char *const exr_compression_names[EXR_COMPRESSIONS]; /* by the format's numbers */
 
 /* A header that is being read. */

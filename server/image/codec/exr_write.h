@@ -36,7 +36,7 @@ struct exr_desc {
     bool alpha;
 };
 
-#define EXR_CHANNELS_MAX 124
+#define EXR_CHANNELS_MAX 124 /* bounds a table; with R, G, B and A 128 */
 
 /* Encodes to memory; the caller frees *bytes with mem_free. The output is deterministic. ERR_RANGE: the size.
  * ERR_NOMEM. */

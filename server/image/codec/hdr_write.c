@@ -12,8 +12,8 @@
 #define RLE_MAX 32767
 #define RUN_MIN 4 /* shorter runs cost more than they save */
 #define RUN_MAX 127
-#define PLAIN_MAX 128
-#define BIAS 128 /* exponent bias */
+#define PLAIN_MAX 128 /* larger counts mean runs */
+#define BIAS 128      /* exponent bias */
 
 /* The largest channel gets a mantissa of 128..255, which Radiance reads as v = (m + 1/2) / 256 x 2^(exponent - 128). */
 static void encode_texel(const float rgb[3], uint8_t out[4])

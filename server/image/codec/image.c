@@ -8,8 +8,8 @@
 #include <math.h>
 #include <string.h>
 
-#define HALF_MAX 65504.0f
-#define BLOCK 64 /* texels processed together: 768 bytes, which stay in the first-level cache */
+#define HALF_MAX 65504.0f /* the largest finite half float */
+#define BLOCK 64          /* texels processed together: 768 bytes, which stay in the first-level cache */
 
 const struct setting_choice layout_choices[] = {
     { "auto", LAYOUT_AUTO, "as the file says; otherwise 2:1 is lat-long", 0 },

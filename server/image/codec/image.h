@@ -31,7 +31,7 @@ struct image_faults {  /* values (not texels) of this frame that were corrected 
     uint64_t clipped;  /* at 65504, the largest half float: the capture may have been clipped; kept */
 };
 
-#define IMAGE_MAX_SIDE 16384
+#define IMAGE_MAX_SIDE 16384                                             /* bounds memory: see IMAGE_MAX_TEXELS */
 #define IMAGE_MAX_TEXELS ((size_t)IMAGE_MAX_SIDE * (IMAGE_MAX_SIDE / 2)) /* the largest 2:1 image: 1.5 GiB */
 #define IMAGE_MAX 1e12f /* larger finite values are clamped, so that sums of squares stay finite in float */
 

@@ -5,7 +5,7 @@
 #include <png.h>
 #include <setjmp.h>
 
-#define SIDE_MAX 1000000u
+#define SIDE_MAX 1000000u /* libpng's own default limit */
 
 struct sink {
     struct text file;

@@ -8,7 +8,7 @@
 #include <assert.h>
 #include <math.h>
 
-#define SIDE_MAX 16384
+#define SIDE_MAX 16384  /* as IMAGE_MAX_SIDE */
 #define NOMINAL 30      /* nominal frames per second for libx264 */
 #define ENOUGH_BITS 0.5 /* bits per pixel: three times what a noise-free frame needs at quality 90 */
 #define CAP_NONE 1e9    /* bits per second; no limit */

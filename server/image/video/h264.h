@@ -27,7 +27,7 @@ struct h264_desc {
     int64_t time_us;        /* time of the frame, by any monotonic clock; the rate is measured with it */
     bool key;               /* make this a keyframe */
 };
-#define H264_CAP_S 1.0
+#define H264_CAP_S 1.0 /* the window of bits_per_second */
 
 /* The highest useful bit rate, bits per second, for a size in pixels and a rate in frames per second. Thread: any. */
 double h264_max_useful_rate(uint32_t width, uint32_t height, double rate);

@@ -17,7 +17,7 @@ struct mux {
     void *user;
 };
 
-#define BUFFER_BYTES (64 << 10)
+#define BUFFER_BYTES (64 << 10) /* of one call to write */
 
 static enum err say_av(struct reason *why, int code, const char *step)
 {

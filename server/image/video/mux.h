@@ -31,7 +31,7 @@ struct mux_stream {
     size_t header_size;
 };
 
-#define MUX_TICKS 90000
+#define MUX_TICKS 90000 /* the clock of RTP and MPEG transport streams */
 
 /* One of path, url and write says where the bytes go. */
 struct mux_desc {

@@ -15,8 +15,8 @@
 
 #define PROGRAM "relight-decoder"
 #define VIDEO_PROGRAM "relight-video"
-#define FILE_BYTES ((size_t)256 << 20)
-#define MEMORY_BYTES ((size_t)512 << 20)
+#define FILE_BYTES ((size_t)256 << 20)       /* default of --max-frame-mib */
+#define MEMORY_BYTES ((size_t)512 << 20)     /* default, of the process */
 #define VIDEO_MEMORY_BYTES ((size_t)3 << 30) /* decoders of 8K video keep 16 reference images of up to 100 MB */
 #define IMAGE_BYTES                                                                                                    \
     (3 * sizeof(float) * IMAGE_MAX_TEXELS) /* address space; pages that no image has used take no memory */

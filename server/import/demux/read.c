@@ -20,7 +20,7 @@
 #define PROBE_BYTES "5000000"
 #define PROBE_US "3000000" /* of a live stream */
 #define EXTRA_MAX (1 << 20)
-#define BUFFER_BYTES (64 << 10)
+#define BUFFER_BYTES (64 << 10) /* of one call to read */
 
 /* A file in memory. */
 struct input_file {

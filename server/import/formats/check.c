@@ -3,8 +3,8 @@
 
 #include <string.h>
 
-#define PLY_LINES_MAX 1000
-#define PLY_LINE_MAX 1023 /* bytes */
+#define PLY_LINES_MAX 1000 /* bounds the search for the end of a header */
+#define PLY_LINE_MAX 1023  /* bytes */
 
 static bool is_ply_line(const char *line)
 {

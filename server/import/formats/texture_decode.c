@@ -5,7 +5,7 @@
 #include <turbojpeg.h>
 #include <webp/decode.h>
 
-#define FILE_MAX (256u << 20)
+#define FILE_MAX (256u << 20) /* bounds memory before the image's size is known */
 
 enum err texture_check_size(uint64_t width, uint64_t height, const char *name, struct reason *why)
 {

@@ -11,7 +11,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define FOLDERS_MAX 4096
+#define FOLDERS_MAX 4096 /* bounds the list that a scene file may ask for */
 
 _Static_assert(HOST_PATH_MAX >= PATH_MAX, "a resolved path fits");
 

@@ -11,8 +11,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define MAGIC 0x524c5036u
-#define SLACK 1e-4f /* rounding beyond the limits of a value */
+#define MAGIC 0x524c5036u /* "RLP6"; the digit changes with the layout */
+#define SLACK 1e-4f       /* rounding beyond the limits of a value */
 
 struct head {
     uint32_t magic;

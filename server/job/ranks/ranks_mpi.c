@@ -25,10 +25,10 @@
 #define GONE_S 0.3                  /* after the signal to stop, a rank that does not answer is taken to be gone */
 #define STOPPED (UINT64_C(1) << 62) /* added to the counter: more than there are frames */
 #define TAG_SIZE 1
-#define TAG_BYTES 2
-#define TAG_TAKE 3 /* to rank 0: the number to add to the counter; the answer is what it was before */
+#define TAG_BYTES 2 /* tags differ, no more is needed */
+#define TAG_TAKE 3  /* to rank 0: the number to add to the counter; the answer is what it was before */
 #define TAG_PART 4
-#define TAG_POST 5
+#define TAG_POST 5       /* likewise */
 #define PIECE (64 << 20) /* bytes of a message; MPI counts by int */
 #define PIECES 8         /* at most, of a turn's broadcasts */
 
@@ -48,11 +48,11 @@ struct ranks {
         MPI_Request begun[PIECES];
         int pieces;
     } turn[2];
-    MPI_Request sent;   /* another rank's last answer */
-    MPI_Request posted; /* of another rank: its last post, */
-    uint8_t *post;      /* and its bytes */
-    int ended;          /* rank 0: ranks whose last message has arrived */
-    bool asked;         /* another rank: for a number, */
+    MPI_Request sent;      /* another rank's last answer */
+    MPI_Request posted;    /* of another rank: its last post, */
+    uint8_t *post;         /* and its bytes */
+    int ended;             /* rank 0: ranks whose last message has arrived */
+    bool asked;            /* another rank: for a number, */
     uint64_t number, more; /* which comes here; what is added */
     MPI_Request took, asking;
 };

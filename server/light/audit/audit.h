@@ -20,7 +20,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define AUDIT_PARTS 4
+#define AUDIT_PARTS 4 /* answers of one pixel: two are left where two are taken out */
 
 struct audit_question { /* one estimate of one pixel's light */
     uint32_t pixel, paths;
@@ -36,7 +36,7 @@ struct audit_desc {
     void (*trace)(void *self, const struct audit_question *q, struct audit_light *out); /* on all OpenMP threads */
     void *self;
     const float
-        *half[2]; /* float[height][width][3]: two independent images of which d is a filtered mean; NULL: none */
+        *half[2];        /* float[height][width][3]: two independent images of which d is a filtered mean; NULL: none */
     const uint8_t *mask; /* [height][width]: 0 where d has no error; NULL: nowhere */
     uint64_t key;        /* of the truth: skies, and classes of light, with the same key have the same */
     double like_last;    /* 0..1: how much answers to the last image, of another truth, tell of this one's error */

@@ -14,7 +14,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#define PATH_ROOM 4096
+#define PATH_ROOM 4096    /* PATH_MAX of Linux */
 #define LEFT_BEHIND_S 600 /* an older .part file was left by a killed writer */
 
 enum err cache_folder_find(const char *requested, char *path, size_t size, struct reason *why)

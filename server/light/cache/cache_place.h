@@ -8,7 +8,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define CACHE_PATH 4096
+#define CACHE_PATH 4096 /* PATH_MAX of Linux */
 
 struct cache_place {
     char path[CACHE_PATH];   /* empty: the cache is not stored */

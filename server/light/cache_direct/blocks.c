@@ -7,7 +7,7 @@
 #include <assert.h>
 #include <math.h>
 
-#define SIDE 2
+#define SIDE 2 /* the defaults and limits of transport.h */
 #define SIDE_MAX 8
 #define LOBE_SAMPLES 64
 #define LOBE_SAMPLES_MAX 4096

@@ -10,8 +10,8 @@
 #include "light/cache_direct/transport.h"
 #include "sky/tables/sky_split.h"
 
-#define TRANSPORT_ROWS 3
-#define TRANSPORT_PACKETS 4
+#define TRANSPORT_ROWS 3    /* those listed above */
+#define TRANSPORT_PACKETS 4 /* of a block, the sharing of V: 64 points */
 #define TRANSPORT_POINTS (TRANSPORT_PACKETS * PACKET)
 #define TRANSPORT_TOGETHER 4   /* rows of V that are stored side by side */
 #define TRANSPORT_VARIANTS 256 /* sample sequences of the sun */

@@ -11,7 +11,7 @@
 static const struct indirect_effort full = { 64, 0, 1536, 512, 512, INDIRECT_BASIS_MAX, INDIRECT_GROUP, 4, 8 };
 static const struct indirect_effort quick = { 8, 8000, 256, 64, 256, 32, 1, PACKET, 2 };
 
-#define GATHER_MOST 4096u
+#define GATHER_MOST 4096u /* bounds buffers: rays of a point */
 
 /* Of what comes before the blocks are gathered, as packets that take the same time: in proportion to the records. */
 static uint64_t early_steps(const struct gbuffer *g)

@@ -12,7 +12,7 @@
 /* Increase it when the cache of the same scene or the file format changes. */
 #define FORMAT 2
 
-#define GAIN_MOST 1e20f
+#define GAIN_MOST 1e20f /* a larger one, or NaN, is a damaged file */
 
 /* One section: statistics, the basis, then group by group the ranks of its rows and blocks, and its pieces' bytes. */
 static const char section[] = "bounce";

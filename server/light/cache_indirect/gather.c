@@ -15,7 +15,7 @@
 #include <math.h>
 #include <string.h>
 
-#define TOLERANCE 0.035
+#define TOLERANCE 0.035 /* of a block's compression, relative; see docs/internals/transport-cache.md */
 #define FLOOR 0.03f     /* share of a block's mean light; darker points are weighted as if they had this much */
 #define BATCH 32u       /* groups */
 #define FIRST_SHARE 4u  /* of a matte point's rays, one in so many is traced where enough points are alike, */

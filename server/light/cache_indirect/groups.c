@@ -5,7 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#define TRAITS 7
+#define TRAITS 7    /* direction from the eye, distance, normal */
 #define TURNED 0.3f /* weight of normals relative to directions from the eye */
 #define AWAY 0.5f   /* weight of distances, in units of the mean distance */
 

@@ -12,8 +12,8 @@
 #include <math.h>
 #include <string.h>
 
-#define ANGLE 0.015f /* initial size of a voxel / distance */
-#define RECORDS_LEAST 4000u
+#define ANGLE 0.015f        /* initial size of a voxel / distance */
+#define RECORDS_LEAST 4000u /* bound the time of a start; in between, half the points */
 #define RECORDS_MOST 24000u
 #define PROBES 16u /* rays that search for surfaces, per record */
 #define BOUNCES_MOST 64u

@@ -6,9 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LEVEL_LEAST (-24)
+#define LEVEL_LEAST (-24) /* levels need 6 bits of a key, normals and kind 7, */
 #define LEVEL_MOST 30
-#define PLACE_BITS 17
+#define PLACE_BITS 17 /* and each axis 17: 64 in all */
 /* A voxel is no larger than NEAR times the length of the ray that hit it, so that near surfaces are not blurred, but at
  * least LEAST times as large as it is elsewhere. */
 #define NEAR 0.5

@@ -11,7 +11,7 @@
 #define PLANES (SURFACE_PLANES + LIGHT_PLANES)
 #define LIGHT SURFACE_PLANES /* the first of light among them */
 #define ROW_MOST (FILTER_COUNT_MAX + 2 * FILTER_RADIUS * (1 << (FILTER_LEVELS - 1)))
-#define ALIGN 64
+#define ALIGN 64 /* a vector of AVX-512 */
 #define LANES 16 /* loops run over multiples of this: no remainders */
 
 /* Sums over the neighbours: light and variance, planes as LIGHT_, and the weights of both halves. */

@@ -26,7 +26,7 @@ enum {
     LIGHT_PLANES = 7,
 };
 
-#define FILTER_LEVELS 5
+#define FILTER_LEVELS 5 /* each twice as wide: docs/internals/mathematics.md */
 #define FILTER_RADIUS 2 /* of a level, in steps */
 #define SPREAD_RADIUS 3 /* of the mean over initial variances, in pixels */
 

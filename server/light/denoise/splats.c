@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#define REACH 2
+#define REACH 2   /* pixels: a window of 5 x 5 */
 #define LONE 4.0f /* times the brightest neighbour */
 
 struct window { /* of pixels around one, within the image */

@@ -13,12 +13,12 @@
 #include <math.h>
 #include <string.h>
 
-#define MAX_BYTES ((uint64_t)1 << 28)
-#define TILE 32            /* pixels per edge: the sums of a tile, 16 KB, stay in the first-level cache */
-#define TRIAL (1u << 16)   /* paths traced to estimate the number of splats */
-#define SPARE 16           /* a part's buffers get 1/16 extra, so that its replacement fits as well */
-#define BYTES_PER_SPLAT 10 /* from, power, place */
-#define AHEAD 64           /* number of splats whose radiance is prefetched */
+#define MAX_BYTES ((uint64_t)1 << 28) /* default: 256 MiB */
+#define TILE 32                       /* pixels per edge: the sums of a tile, 16 KB, stay in the first-level cache */
+#define TRIAL (1u << 16)              /* paths traced to estimate the number of splats */
+#define SPARE 16                      /* a part's buffers get 1/16 extra, so that its replacement fits as well */
+#define BYTES_PER_SPLAT 10            /* from, power, place */
+#define AHEAD 64                      /* number of splats whose radiance is prefetched */
 
 struct part {        /* splats sorted by tile, and by particle within a tile */
     uint64_t number; /* in the sequence, from 1; 0: empty */

@@ -12,7 +12,7 @@
 #include <math.h>
 #include <string.h>
 
-#define PACKETS_FEW 1024
+#define PACKETS_FEW 1024 /* smaller chunks share small images out evenly */
 
 struct direct {
     const struct kernels *kernels;

@@ -34,7 +34,7 @@ struct progress_part;
 struct light_tracer;
 struct sky_split;
 
-#define PARTICLES_A_STEP 4
+#define PARTICLES_A_STEP 4 /* so that counting costs little */
 
 struct light_tracer_desc {
     uint32_t classes; /* PATH_CAUSTICS | PATH_INDIRECT or a part of them; without PATH_INDIRECT_LIT all paths start at a
@@ -46,7 +46,7 @@ struct light_tracer_desc {
     enum start_kind start;
     float *ground; /* float[height][width][3]: receives light on the ground (scene/geometry/ground.h); NULL: rgb
                       receives it */
-    const struct sky_split *sun; /* of this frame: only its sun emits light; NULL: the whole sky */
+    const struct sky_split *sun;    /* of this frame: only its sun emits light; NULL: the whole sky */
     struct progress_part *progress; /* stepped by one for each PARTICLES_A_STEP; may be NULL */
     const atomic_bool *cancel;      /* once true, the run ends and adds nothing; may be NULL */
 };

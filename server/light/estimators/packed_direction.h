@@ -7,7 +7,7 @@
 
 #include <stdint.h>
 
-#define DIRECTION_BITS 14
+#define DIRECTION_BITS 14 /* two of them and the face fit 32 bits */
 
 /* w: unit. */
 static inline uint32_t direction_pack(const float w[3])

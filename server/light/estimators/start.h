@@ -19,7 +19,7 @@ enum start_kind {
     START_DISC,  /* the projected bounding sphere [Pharr and Humphreys 2004, section 14.2] */
 };
 
-#define START_BOXES_MAX 32
+#define START_BOXES_MAX 32 /* bounds arrays on the stack: start_join joins the others */
 
 struct start_shape {
     double centre[3], half[3]; /* of the box */

@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-#define SMOOTH 0.2
+#define SMOOTH 0.2          /* share of the newest time in a running mean */
 #define FIRST_SAMPLES 8     /* of a denoised image, */
 #define FIRST_OF_ALL 4      /* of the very first one, which no audit delays, */
 #define FIRST_PATHS 2       /* and its eye paths */

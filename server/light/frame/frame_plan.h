@@ -6,11 +6,11 @@
 
 enum pass_kind {
     /* Light at the shade points, float[packet_count][3][16] */
-    PASS_GLIDE,  /* an accumulation under a still sky moves on; nothing is sampled */
-    PASS_DIRECT, /* direct light by `direct`; without samples none: the others add to it */
-    PASS_CACHED, /* direct light by the cache, and indirect light if the plan leaves it to the cache */
-    PASS_EYE,    /* adds `eye` */
-    PASS_FILTER, /* denoises two halves */
+    PASS_GLIDE,      /* an accumulation under a still sky moves on; nothing is sampled */
+    PASS_DIRECT,     /* direct light by `direct`; without samples none: the others add to it */
+    PASS_CACHED,     /* direct light by the cache, and indirect light if the plan leaves it to the cache */
+    PASS_EYE,        /* adds `eye` */
+    PASS_FILTER,     /* denoises two halves */
     PASS_ACCUMULATE, /* the same, with the light of earlier images (accumulation.h) */
     PASS_LEAVE,      /* light of earlier images gives way to the cache's */
     PASS_BEHIND,     /* adds stored eye paths behind mirrors and glass */
@@ -43,7 +43,7 @@ struct pass {
     uint64_t rays;  /* of PASS_DIRECT, PASS_EYE and PASS_PARTICLES */
 };
 
-#define PASSES_MAX 16
+#define PASSES_MAX 16 /* bounds a table; an assertion checks it */
 
 struct frame_plan {
     struct pass pass[PASSES_MAX];

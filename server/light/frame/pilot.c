@@ -7,7 +7,7 @@
 
 #include <math.h>
 
-#define SMOOTH 0.3
+#define SMOOTH 0.3                   /* share of the newest time in a running mean */
 #define LIGHT_SOON 4                 /* readings of particles; after that */
 #define LIGHT_EVERY 4                /* frames */
 #define NOISY 0.05                   /* relMSE above which single pixels are no yardstick */

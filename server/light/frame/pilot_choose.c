@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#define SAMPLES_MOST 4096.0
+#define SAMPLES_MOST 4096.0 /* bounds per point, however much time there is */
 #define PATHS_MOST 1024.0
 #define UNITS_MOST 1e6    /* 2 * 10^9 particles */
 #define QUICK_SAMPLES 4.0 /* of the quick image, and no fewer for a filter, */

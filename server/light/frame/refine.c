@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-#define TILE 32
+#define TILE 32          /* pixels; chosen, not measured */
 #define SAMPLES_LEAST 16 /* a pass: below, tables weigh more than samples */
 #define KNOWN 0.25       /* of V: below, D - V is not known */
 

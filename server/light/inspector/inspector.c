@@ -12,7 +12,7 @@
 #define ESTIMATES_MIN 6              /* minimum, if a pixel has many packets */
 #define WORK 48                      /* packets to shade for the reference, approximately */
 #define REFERENCE_SEED 0x70726f6265u /* independent of the frame's own random numbers */
-#define FIGURE_DIFFUSE 0.3f
+#define FIGURE_DIFFUSE 0.3f          /* albedos; chosen, not measured */
 #define FIGURE_SPECULAR 0.5f
 
 struct inspection {

@@ -15,7 +15,7 @@
 
 #define INSPECT_MAP_WIDTH 64 /* of the visibility map, a small lat-long image */
 #define INSPECT_MAP_HEIGHT 32
-#define INSPECT_SAMPLES_MAX 256
+#define INSPECT_SAMPLES_MAX 256 /* bounds the message with all of them */
 
 /* The preset: the settings of [LPG13, Fig. 1], independent of the surface's material. */
 #define PROBE_FIGURE_SAMPLES 50

@@ -11,8 +11,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#define SKY_QUALITY 82
-
 struct inspector {
     const struct prepared_scene *set;
     const struct kernels *kernels;
@@ -255,7 +253,7 @@ static json_t *sky_json(struct inspector *p, const struct environment *e)
     const double gain = 0.18 * exp2(-log2_mean);
     const struct tone_desc tone = { gain, TONE_FILMIC, p->kernels->level };
     tone_map(p->sky, INSPECT_SKY_WIDTH, INSPECT_SKY_HEIGHT, &tone, p->display);
-    if (jpeg_encode(p->jpeg, p->display, INSPECT_SKY_WIDTH, INSPECT_SKY_HEIGHT, SKY_QUALITY, &bytes, &size))
+    if (jpeg_encode(p->jpeg, p->display, INSPECT_SKY_WIDTH, INSPECT_SKY_HEIGHT, 82, &bytes, &size))
         return NULL;
     return json_pack("{s:i, s:i, s:o, s:o}", "width", INSPECT_SKY_WIDTH, "height", INSPECT_SKY_HEIGHT, "gain",
                      number(gain), "jpeg", base64(bytes, size));

@@ -14,7 +14,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define BUDGET_PARTS_MAX 8
+#define BUDGET_PARTS_MAX 8 /* bounds a table; the pilot has fewer parts */
 
 struct budget_part {
     double variance;    /* V >= 0 */

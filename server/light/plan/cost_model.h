@@ -19,11 +19,11 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define COST_SAMPLES 2048.0
-#define COST_SAMPLES_INDIRECT 1250.0
-#define COST_FRAME_SAMPLES 4.0
-#define COST_GOOD_SAMPLES 64.0
-#define COST_MADE 4 /* frames before the decision by the clock */
+#define COST_SAMPLES 2048.0          /* measured: see above */
+#define COST_SAMPLES_INDIRECT 1250.0 /* likewise */
+#define COST_FRAME_SAMPLES 4.0       /* likewise */
+#define COST_GOOD_SAMPLES 64.0       /* of a frame that needs no more */
+#define COST_MADE 4                  /* frames before the decision by the clock */
 
 /* relMSE of the cache's bias, and of N samples, which is COST_NOISE / N; for direct light and with indirect light
  * (docs/internals/transport-cache.md). */

@@ -8,7 +8,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define GROUPS_MAX 24
+#define GROUPS_MAX 24 /* of tiles, measured apart; bounds a table */
 
 struct group {
     uint32_t *pixels; /* pixels with a shade point */

@@ -34,7 +34,7 @@ struct plan_facts {
     double peakedness; /* mean square of the sky's luminance over the square of its mean, >= 1; 0: unknown, black */
 };
 
-#define PLAN_LEFT_OUT_MAX 10
+#define PLAN_LEFT_OUT_MAX 10 /* bounds a table; further sentences are dropped */
 
 struct plan {
     enum plan_estimator caustics, indirect;  /* at directly visible points */

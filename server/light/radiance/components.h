@@ -45,7 +45,7 @@ MUST_CHECK enum err components_write(const struct components_desc *desc, struct 
 
 /* A camera as Radiance's VIEW line, for the header of an image. Thread: any. */
 
-#define RADIANCE_VIEW_LINE 512
+#define RADIANCE_VIEW_LINE 512 /* a line takes less than 300 */
 
 /* "VIEW= -vtv -vp ...\n" in Radiance's axes: x east, y north, z up. -vd and -vu need not be perpendicular.
  * "" for an equisolid fisheye, which Radiance does not support. */

@@ -10,7 +10,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define BENCH_ROUNDS_MAX 99
+#define BENCH_ROUNDS_MAX 99 /* bounds a table */
 
 struct bench_desc {
     const char *scene;            /* a path; NULL: the built-in one */

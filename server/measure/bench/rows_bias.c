@@ -13,7 +13,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#define KEY 0.18
+#define KEY 0.18         /* middle grey */
 #define CLAMP_TIMES 8    /* the level falls with each clipping, and soon converges */
 #define SEAM_WIDTH 320   /* of the image whose cache is kept without compression: four times as large is 1 GB */
 #define SEAM_CODES 1.0   /* a visible difference */

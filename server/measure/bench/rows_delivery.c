@@ -17,7 +17,7 @@
 #include <sys/time.h>
 #include <unistd.h>
 
-#define VIEWERS_MAX 64
+#define VIEWERS_MAX 64         /* bounds tables; the range of --viewers */
 #define ROOM ((size_t)1 << 18) /* bytes read at a time */
 #define WAIT_SECONDS 5
 

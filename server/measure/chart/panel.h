@@ -11,7 +11,7 @@
 
 struct progress;
 
-#define BUDGETS_MAX 16
+#define BUDGETS_MAX 16 /* bound tables */
 #define SEEDS_MAX 256
 
 struct panel_desc {

@@ -45,7 +45,7 @@ struct technique {
 
 /* All of them, in the order of the legend. */
 const struct technique *technique_all(size_t *count);
-#define TECHNIQUES_MAX 32
+#define TECHNIQUES_MAX 32 /* bounds a table */
 
 extern const char *const technique_kinds[]; /* their names */
 

@@ -9,10 +9,9 @@
 #include <math.h>
 #include <string.h>
 
-#define QUALITY 85
 #define LEAST_LOG10 (-3.0) /* relative error of the darkest colour */
-#define COLOURS 256
-#define GREY 96
+#define COLOURS 256        /* of the ramp */
+#define GREY 96            /* of pixels that are not compared */
 
 /* Frees the image. */
 static json_t *address(const struct judge *j, uint8_t *rgb)
@@ -23,7 +22,7 @@ static json_t *address(const struct judge *j, uint8_t *rgb)
     size_t size;
 
     text_add(&t, "data:image/jpeg;base64,");
-    const bool good = jpeg && rgb && jpeg_encode(jpeg, rgb, j->width, j->height, QUALITY, &bytes, &size) == ERR_OK;
+    const bool good = jpeg && rgb && jpeg_encode(jpeg, rgb, j->width, j->height, 85, &bytes, &size) == ERR_OK;
     if (good)
         text_add_base64(&t, bytes, size);
     json_t *out = good && !t.failed ? json_string(t.bytes) : NULL;

@@ -7,7 +7,7 @@
 #include <stdbool.h>
 #include <string.h>
 
-#define COLOURS 256
+#define COLOURS 256        /* of the ramp */
 #define LEAST_LOG10 (-3.0) /* relative error of the darkest colour: 0.1 % */
 #define MOST_LOG10 0.0     /* of the palest: 100 % */
 #define MASKED_GREY 96

@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define FLICKER_MOST (4 * 255)
+#define FLICKER_MOST (2 * 255) /* |a - 2 b + c| of bytes */
 
 struct flicker {
     uint64_t of[FLICKER_MOST + 1]; /* values by second difference */

@@ -9,7 +9,7 @@
 #include <math.h>
 #include <string.h>
 
-#define KEY 0.18
+#define KEY 0.18      /* middle grey */
 #define RADIUS_MAX 32 /* of any kernel, pixels: 3 * 0.04502 degrees at most pixels per degree is 28 */
 #define BANDS 64      /* of pixels; added in order, so that the thread count changes nothing */
 
@@ -28,7 +28,7 @@ static const double sensitivity[3][GAUSSIANS][2] = {
     { { 1.0, 0.0053 }, { 0.0, 1e-5 } },  /* red against green */
     { { 34.1, 0.04 }, { 13.5, 0.025 } }, /* yellow against blue: the eye is at its most blurred */
 };
-#define WIDEST 0.04
+#define WIDEST 0.04 /* the largest b above */
 
 struct taps { /* of a filter along one axis */
     int radius;

@@ -7,8 +7,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define SITE_FILES_MAX 128
-#define SITE_FILE_BYTES_MAX ((size_t)8 << 20)
+#define SITE_FILES_MAX 128                    /* bounds a table; the page has 49 */
+#define SITE_FILE_BYTES_MAX ((size_t)8 << 20) /* bounds memory, where files are kept */
 
 struct site_file {
     char path[128];   /* "/app.js", "/js/relight.js"; index.html is "/", embed.html "/embed" */
@@ -39,8 +39,8 @@ const struct site_file *site_find(const struct site *site, const char *path);
 
 /* This machine's own network addresses. Thread: any. */
 
-#define ADDRESSES_MAX 32
-#define ADDRESS_TEXT 46
+#define ADDRESSES_MAX 32 /* bounds a table */
+#define ADDRESS_TEXT 46  /* INET6_ADDRSTRLEN */
 
 /* Numeric, without loopback and link-local ones, IPv4 first, in the system's order. Returns their number. */
 size_t addresses_of_machine(char out[ADDRESSES_MAX][ADDRESS_TEXT]);

@@ -71,7 +71,7 @@ enum message_op {
 
 #define MESSAGE_PROBE_SAMPLES_MAX 256 /* that a question about a pixel may ask for */
 
-#define MESSAGE_FORMATS 5
+#define MESSAGE_FORMATS 5                                  /* values of enum protocol_format */
 extern const char *const message_formats[MESSAGE_FORMATS]; /* indexed by enum protocol_format - 1 */
 
 struct message {

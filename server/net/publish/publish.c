@@ -15,7 +15,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#define RETRY_FIRST_MS 500
+#define RETRY_FIRST_MS 500 /* doubles up to */
 #define RETRY_MOST_MS 10000
 #define LIVED_MS 5000 /* an output that lasted so long was no failed attempt */
 #define OPEN_MS 10000 /* limits on one call */
@@ -23,7 +23,7 @@
 #define CLOSE_MS 1000
 #define GRACE_MS 400 /* to say goodbye, once the program ends */
 #define STOP_MS 1000
-#define TAKE_MS 500
+#define TAKE_MS 500  /* at most, until a stop is noticed */
 #define RATE_MS 1000 /* over which the bit rate is measured */
 
 /* One target and its thread. */

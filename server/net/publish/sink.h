@@ -79,6 +79,6 @@ MUST_CHECK enum err sink_folder_lock(const char *folder, bool public, int *fd, s
 /* Writes all bytes to a file. Returns 0 or errno. */
 MUST_CHECK int sink_write_all(int fd, const uint8_t *bytes, size_t size);
 
-#define SINK_TIME 20
+#define SINK_TIME 20 /* the text below takes 17 */
 /* Writes "YYYYMMDDThhmmssZ". wall_us: as clock_wall_us. */
 void sink_time(int64_t wall_us, char out[SINK_TIME]);

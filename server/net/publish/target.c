@@ -6,7 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#define FILE_MINUTES 10.0
+#define FILE_MINUTES 10.0 /* default and range of record:DIR?minutes= */
 #define MINUTES_LEAST 0.05
 #define MINUTES_MOST 1440.0
 

@@ -6,8 +6,8 @@
 
 #include <stdbool.h>
 
-#define PUBLISH_NAME 128
-#define PUBLISH_PATH 1024
+#define PUBLISH_NAME 128  /* for the log; longer ones are cut */
+#define PUBLISH_PATH 1024 /* bounds paths of folders */
 
 enum publish_kind {
     PUBLISH_RTMP,

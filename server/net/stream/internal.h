@@ -22,7 +22,7 @@
 /* Queries about pixels (PROTOCOL.md 4.15 to 4.17): pending queries, unsent answers, and pixels followed from image to
  * image. Guarded by the server's lock. */
 
-#define INSPECTIONS_WAITING 8
+#define INSPECTIONS_WAITING 8 /* bound memory: further questions are refused, the oldest answers dropped */
 #define INSPECTIONS_ANSWERS 8
 #define INSPECTIONS_RATE 4.0  /* answers per second, for all clients together: a token bucket */
 #define INSPECTIONS_BURST 8.0 /* its size */

@@ -9,7 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define METRICS_BOUNDS 13
+#define METRICS_BOUNDS 13                    /* 0.5 ms to 5 s */
 #define METRICS_KINDS (PROTOCOL_CHANGES + 6) /* of images: H.264 by size only, not by rate; renditions as one */
 
 struct histogram {

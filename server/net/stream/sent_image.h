@@ -9,7 +9,7 @@
 
 struct sent_image;
 
-#define IMAGE_BYTES_MAX ((size_t)512 << 20)
+#define IMAGE_BYTES_MAX ((size_t)512 << 20) /* bounds memory */
 
 /* Copies `size` bytes of an encoded image. This function or server_publish sets header->payload, sequence and
  * published_us. The caller owns one reference. NULL: out of memory, or size is 0 or above IMAGE_BYTES_MAX. */
@@ -23,7 +23,7 @@ unsigned image_track(const struct sent_image *p);
 void image_set_rendition(struct sent_image *p, unsigned slot, uint64_t serial);
 
 struct sent_image *image_ref(struct sent_image *p); /* returns p */
-void image_unref(struct sent_image *p);          /* frees it with the last reference; NULL is allowed */
+void image_unref(struct sent_image *p);             /* frees it with the last reference; NULL is allowed */
 
 /* Owned by p; complete once it is published. */
 const struct protocol_picture *image_header(const struct sent_image *p);

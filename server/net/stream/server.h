@@ -197,8 +197,8 @@ void server_demand(struct server *s, struct server_demand *out);
 /* Heartbeat of the shade thread, the only caller, at least once a second while it waits. While it computes, its
  * processor time counts as a heartbeat, for at most SERVER_BUSY_MS. /healthz requires it from the first call on. */
 void server_beat(struct server *s);
-#define SERVER_BEAT_MS 2000
-#define SERVER_BUSY_MS 300000
+#define SERVER_BEAT_MS 2000   /* twice the second that is promised */
+#define SERVER_BUSY_MS 300000 /* a frame that takes longer counts as hung */
 
 struct server_health {
     bool alive;               /* the service thread and the shade thread make progress */

@@ -15,7 +15,7 @@
 
 #define BOUNDARY "relightd"
 #define PLAIN "text/plain; charset=utf-8"
-#define WIDTH_LEAST 16
+#define WIDTH_LEAST 16 /* the range of ?width= */
 #define WIDTH_MOST 16384
 
 enum {

@@ -10,8 +10,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#define MATTES 2
-#define RANKS 6 /* ids of a pixel, two to a layer of the file */
+#define MATTES 2 /* by object and by material */
+#define RANKS 6  /* ids of a pixel, two to a layer of the file */
 #define ATTRIBUTES (4 * MATTES)
 
 static const char *const matte_names[MATTES] = { "CryptoObject", "CryptoMaterial" };

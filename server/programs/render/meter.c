@@ -14,7 +14,6 @@
 
 #define SIDE 160 /* pixels of the longer side, at most */
 #define SAMPLES 8
-#define EYE_PATHS 2
 #define PARTICLES 50000 /* where there are mirrors or glass */
 
 static enum err light_image(const struct render *r, const struct prepared_scene *set, float *rgb, struct reason *why)
@@ -27,7 +26,7 @@ static enum err light_image(const struct render *r, const struct prepared_scene 
                     .why = why },
         .classes = s->light.classes,
         .particles = PARTICLES,
-        .eye_paths = EYE_PATHS,
+        .eye_paths = 2,
         .denoise = true,
     };
     const struct relight_lamps_desc lamps_desc = { .set = set, .samples = SAMPLES };

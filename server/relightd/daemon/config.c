@@ -16,7 +16,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#define TOKEN_BYTES 256
+#define TOKEN_BYTES 256 /* bounds a file's first line */
 
 static const char *const token_flags[] = { "token-viewer", "token-controller", "token-producer", "token-recorder",
                                            "token-metrics" };

@@ -128,7 +128,7 @@ void ingest_relight(struct ingest_thread *t, const struct frame *f, uint64_t ver
 
 /* ---- The thread ---- */
 
-#define PREPARED_POLL_MS 2
+#define PREPARED_POLL_MS 2 /* until the first frame is noticed */
 
 void ingest_wait_prepared(struct ingest_thread *t)
 {

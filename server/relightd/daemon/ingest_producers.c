@@ -1,7 +1,7 @@
 #include "relightd/daemon/ingest_internal.h"
 
-#define TAKE_MS 100
-#define PAUSE_MS 30
+#define TAKE_MS 100 /* at most, until new settings are noticed */
+#define PAUSE_MS 30 /* likewise, while paused */
 
 /* Without a frame to take: reports that the producer ended its stream or left. Returns the state reported. */
 static enum server_source report_idle(struct ingest_thread *t, enum server_source reported)

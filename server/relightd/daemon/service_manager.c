@@ -7,7 +7,7 @@
 #include <string.h>
 #include <time.h>
 
-#define PERIOD_MS 200
+#define PERIOD_MS 200      /* between two looks */
 #define EXTEND_S 10.0      /* between two requests for more time to start, */
 #define EXTEND_US 60000000 /* each of which asks for this much */
 #define STATUS_S 2.0       /* at least, between two status sentences */

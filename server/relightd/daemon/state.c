@@ -17,7 +17,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define STATE_VERSION 1
+#define STATE_VERSION 1  /* of the file; others are not read */
 #define STATE_MOST 65536 /* bytes */
 #define AGAIN_S 10.0     /* after a file that could not be written */
 

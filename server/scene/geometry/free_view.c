@@ -8,8 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define FAR 1e6 /* m, of a coordinate */
-#define NARROW 1.0
+#define FAR 1e6    /* m, of a coordinate */
+#define NARROW 1.0 /* degrees: what a plane can show */
 #define WIDE 170.0
 #define PI 3.14159265358979323846
 

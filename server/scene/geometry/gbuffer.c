@@ -10,8 +10,8 @@
 #include <stdatomic.h>
 #include <string.h>
 
-#define SIDE_MAX 16384u
-#define EDGE_RAYS_MAX 64u
+#define SIDE_MAX 16384u   /* as IMAGE_MAX_SIDE */
+#define EDGE_RAYS_MAX 64u /* bounds the rays of a pixel: 4,096 */
 #define BAND_ROWS 16u     /* rows per thread and step; one more above and below is traced for edge detection */
 #define COLOUR_STEP 0.04f /* a larger difference in texture colour between neighbours is an edge */
 
@@ -418,8 +418,7 @@ static enum err join_rows(struct build *b, struct packing *p)
             g->entries[first + i].point = p->slots[first + i];
         }
         if (r->miss_count > 0)
-            memcpy(g->misses + g->miss_first[(size_t)y * g->width], r->misses,
-                   r->miss_count * sizeof(*g->misses));
+            memcpy(g->misses + g->miss_first[(size_t)y * g->width], r->misses, r->miss_count * sizeof(*g->misses));
         slab_release(r->slab);
         r->slab = NULL;
     }

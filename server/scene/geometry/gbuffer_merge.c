@@ -2,12 +2,12 @@
 
 #include <math.h>
 
-#define COS_5_DEGREES 0.99619470f
-#define COS_10_DEGREES 0.98480775f
-#define COS_30_DEGREES 0.86602540f
-#define LOBE_PART 0.8f      /* of alpha, radians */
-#define REACH 6.0f          /* footprints: a shadow often ends within them */
-#define ROUGHNESS_STEP 0.1f /* lobes whose roughness differs by more are not averaged */
+#define COS_5_DEGREES 0.99619470f  /* between arrivals by mirrors and glass */
+#define COS_10_DEGREES 0.98480775f /* between normals */
+#define COS_30_DEGREES 0.86602540f /* between those that are interpolated or mapped anyway */
+#define LOBE_PART 0.8f             /* of alpha, radians */
+#define REACH 6.0f                 /* footprints: a shadow often ends within them */
+#define ROUGHNESS_STEP 0.1f        /* lobes whose roughness differs by more are not averaged */
 
 /* Whether the lobes differ too little to matter, as they do within a texel or two of most roughness maps. */
 static bool lobes_alike(const struct leaf *a, const struct leaf *b)

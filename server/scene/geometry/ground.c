@@ -6,7 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-#define SEGMENTS 64u
+#define SEGMENTS 64u   /* of the disc; its rim has no coverage */
 #define FADE_SIDE 256u /* texels of the image of its coverage */
 #define FADE_END 0.97f /* as a share of the radius: no coverage is left at the polygon's chords */
 #define BELOW 1e-4f    /* of the model's radius */

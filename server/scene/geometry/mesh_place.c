@@ -4,8 +4,8 @@
 
 #include <math.h>
 
-#define STRETCH_MAX 1000.0
-#define SCALE_LEAST 1e-6
+#define STRETCH_MAX 1000.0 /* bounds the condition of a matrix */
+#define SCALE_LEAST 1e-6   /* and its scales */
 #define SCALE_MOST 1e6
 
 static const struct box no_box = { { INFINITY, INFINITY, INFINITY }, { -INFINITY, -INFINITY, -INFINITY } };

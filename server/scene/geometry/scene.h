@@ -91,8 +91,8 @@ struct punctual_light {
                                    the outer */
 };
 
-#define LIGHT_INTENSITY_MAX 1e12f
-#define ANIMATION_TIME_MAX 1e6 /* s: the latest displayable moment of an animation */
+#define LIGHT_INTENSITY_MAX 1e12f /* products with areas and weights still fit a float */
+#define ANIMATION_TIME_MAX 1e6    /* s: the latest displayable moment of an animation */
 
 /* The ground below the model (ground.h). */
 struct ground {

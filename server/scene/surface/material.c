@@ -3,7 +3,7 @@
 #include <assert.h>
 #include <math.h>
 
-#define F0_DIELECTRIC 0.04f
+#define F0_DIELECTRIC 0.04f         /* [glTF 2.0, appendix B.2]: an index of 1.5 */
 #define MATTE_GAIN 1.0485f          /* 21/20 less 0.14 %: at roughness 0.3 the lobe reflects so much more than F */
 #define MEAN_SCHLICK (1.0f / 21.0f) /* of (1 - cos)^5 over a hemisphere, weighted by the cosine */
 #define STEPS 20                    /* of roughness in the tables below */

@@ -37,7 +37,7 @@ enum material_map {
 #define MAPS_ALL (MAP_ROUGHNESS | MAP_NORMAL | MAP_COAT | MAP_COAT_ROUGHNESS | MAP_SHEEN_ROUGHNESS)
 #define MAPS_COLOURS (MAP_EMISSION | MAP_THROUGH | MAP_SHEEN)
 #define MAPS_MOVED (MAP_ROUGHNESS | MAP_NORMAL) /* which may be in `moved` */
-#define NORMAL_SCALE_MAX 1e3f
+#define NORMAL_SCALE_MAX 1e3f                   /* bound arithmetic in float: a file may say anything */
 #define MOVED_MAX 1e6f
 #define ATTENUATION_MAX 1e6f /* m^-1: opaque within a tenth of a millimetre */
 

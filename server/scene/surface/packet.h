@@ -3,7 +3,7 @@
 
 #include <stdint.h>
 
-#define PACKET 16
+#define PACKET 16 /* the widest of Embree; a vector of AVX-512 */
 
 struct shade_packet { /* 16 shading points; lanes >= count repeat the last one and are not shaded */
     _Alignas(64) float x[PACKET];

@@ -6,7 +6,7 @@
 #include <math.h>
 
 #define DEGREE (PI / 180.0)
-#define EV_EXPONENT 1.87
+#define EV_EXPONENT 1.87 /* of the formula below */
 
 double glare_position_index(const double w[3], const double ahead[3], const double up[3])
 {

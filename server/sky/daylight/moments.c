@@ -8,7 +8,6 @@
 #include <stdio.h>
 
 #define DEGREE (PI / 180.0)
-#define DAYS 365
 #define SLICES 60      /* of an interval in which the sun rises or sets */
 #define DARK 0.5       /* W m^-2, horizontal: less than this counts as night */
 #define DEW_POINT 11.0 /* degrees Celsius, where the file does not state it */
@@ -157,7 +156,7 @@ static enum err choose(const struct epw *w, const struct moments_desc *d, const 
                        struct reason *why)
 {
     const double step = d->step_minutes > 0.0 ? d->step_minutes / 60.0 : w->interval;
-    const uint64_t steps = (uint64_t)llround(24.0 * DAYS / step);
+    const uint64_t steps = (uint64_t)llround(24.0 * 365 / step);
     const double reach = 0.5 * fmax(w->interval, step) + 1e-6;
     size_t i = 0;
 

@@ -8,8 +8,8 @@
 #include <stdio.h>
 #include <time.h>
 
-#define STEP_MS 50 /* how soon the thread notices that an image is wanted */
-#define RETRY_FIRST_MS 500
+#define STEP_MS 50         /* how soon the thread notices that an image is wanted */
+#define RETRY_FIRST_MS 500 /* doubles up to */
 #define RETRY_MOST_MS 10000
 #define DRIFT 1e-4               /* by how much a sender's clock may be slower than ours */
 #define CLOCKS_APART_US 60000000 /* a sender's clock further from ours is wrong */

@@ -16,8 +16,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#define WATCH_WAIT_MS 200
-#define FIRST_WAITS 150 /* of these: 30 s for the first image of a live stream */
+#define WATCH_WAIT_MS 200 /* at most, until a stop is noticed */
+#define FIRST_WAITS 150   /* of these: 30 s for the first image of a live stream */
 
 struct source {
     struct source_desc desc;

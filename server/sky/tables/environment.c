@@ -15,9 +15,9 @@
 #include <stdio.h>
 #include <string.h>
 
-#define DEFAULT_N 256
-#define MAX_N 1024
-#define BAND 8 /* rows of a face per band, as in resample.h */
+#define DEFAULT_N 256 /* of a cube face: the resolution of a lat-long map of 1024 x 512 */
+#define MAX_N 1024    /* bounds tables, and arrays on the stack */
+#define BAND 8        /* rows of a face per band, as in resample.h */
 
 /* The state of deferred work (see lean). */
 struct environment_rest {
@@ -251,8 +251,8 @@ static enum err match_resampler(struct environment *e, enum layout layout, struc
 }
 
 /* Stores a row's radiance and density. weight: luminance x solid angle. */
-static inline void weigh_row(const struct environment *e, const float *from, const double *solid_angle,
-                             struct texel *t, double *weight)
+static inline void weigh_row(const struct environment *e, const float *from, const double *solid_angle, struct texel *t,
+                             double *weight)
 {
     const uint32_t n = e->n;
     const double per_uv = 0.25 * n * n;
@@ -398,8 +398,7 @@ static void complete_band(const struct environment *e, uint32_t face, uint32_t b
     for (uint32_t i = 0; i < rows; i++)
         for (uint32_t j = 0; j < n; j++) {
             const struct texel *t = &e->texels[(size_t)(row + i) * n + j];
-            cdf[(size_t)i * n + j] =
-                rgb_luminance(t->r, t->g, t->b) * e->solid_angle[(size_t)(i0 + i) * n + j];
+            cdf[(size_t)i * n + j] = rgb_luminance(t->r, t->g, t->b) * e->solid_angle[(size_t)(i0 + i) * n + j];
         }
     sum_band(cdf, n, rows, whole);
 }

@@ -8,10 +8,10 @@
 #include <stddef.h>
 #include <string.h>
 
-#define FIT_MAX 32  /* in finer levels the correction is below 1 % */
-#define FIT_STEPS 4 /* per texel, but at least this many on a face */
-#define FIT_MIN 64
-#define FIT_ROUNDS 8
+#define FIT_MAX 32   /* in finer levels the correction is below 1 % */
+#define FIT_STEPS 4  /* per texel, but at least this many on a face */
+#define FIT_MIN 64   /* steps on a face */
+#define FIT_ROUNDS 8 /* reach 0.4 %: see fit_gains */
 #define FIT_PACE 1.7 /* exponent of a round's corrections: above 1 they need a third of the rounds */
 
 /* Which of n fine texels coarse texel `to` of m covers: first .. last - 1, wholly or partly. In units of 1/m fine texel

@@ -65,7 +65,7 @@ struct row_edges {
     double *height, *sine;
 };
 
-#define RESAMPLE_LATLONG_PARTS 5
+#define RESAMPLE_LATLONG_PARTS 5 /* four side faces, and both polar ones */
 
 /* Whether a quarter turn about y maps a lat-long source and a cube map of n x n texels per face onto themselves. Then
  * the first side face and the first quarter of the polar faces, rows and columns below n / 2, stand for all others. */

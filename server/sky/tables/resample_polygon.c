@@ -7,10 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define CORNERS_MAX 384
-#define STRAIGHT 1e-8 /* likewise: treated as straight */
-#define BEND_DEPTH 7
-#define RIM_DEPTH 5
+#define CORNERS_MAX 384     /* bounds a ring of bent borders; assertions check it */
+#define STRAIGHT 1e-8       /* likewise: treated as straight */
+#define BEND_DEPTH 7        /* halvings of a border; chosen, not measured */
+#define RIM_DEPTH 5         /* likewise, at the rim of a disc */
 #define BEND_TOLERANCE 1e-3 /* relative to a piece's length: maximum distance of a curved border from its chord */
 
 /* The border of a block as directions joined by great circles; equivalently, on the plane of a face, points (u, v)

@@ -14,9 +14,9 @@
 #define BLOCKS_FEW ((size_t)1 << 20) /* not worth reducing, however coarse the cube map is */
 #define TEXEL_BYTES (3 * sizeof(float))
 #define LINE_WORDS (((size_t)UINT16_MAX * TEXEL_BYTES / LINE_BYTES + 2) / 64 + 1)
-#define FIT_ROUNDS 400
-#define FIT_TOLERANCE 8e-6
-#define FIT_HASTE 1.7 /* over-relaxation: halves the number of iterations */
+#define FIT_ROUNDS 400     /* a limit; the tolerance ends it earlier */
+#define FIT_TOLERANCE 8e-6 /* relative, of a block's energy */
+#define FIT_HASTE 1.7      /* over-relaxation: halves the number of iterations */
 
 static uint32_t choose_factor(enum layout layout, uint32_t width, uint32_t height, uint32_t n)
 {

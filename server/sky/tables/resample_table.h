@@ -27,7 +27,7 @@ bool resample_key_equal(const struct resample_key *a, const struct resample_key 
 #define TILE 8
 #define OCTETS 8 /* octets in a tile */
 
-#define LINE_BYTES 64
+#define LINE_BYTES 64 /* a cache line */
 
 struct octet {
     uint32_t first;       /* index of the first step; the octet's steps end at the next octet's first */

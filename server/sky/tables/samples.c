@@ -84,7 +84,7 @@ bool environment_sample(const struct environment *e, const double x[2], float w[
     return true;
 }
 
-#define ARRAYS 9
+#define ARRAYS 9 /* eight of floats, and stratum */
 
 /* All arrays are in one block, which begins with x. */
 static enum err reserve(struct light_samples *s, uint32_t count)

@@ -6,9 +6,9 @@
 #include <string.h>
 #include <zlib.h>
 
-#define HEAD_NUMBERS 11
-#define VERSION_MAX 2
-#define AC_OF_BLOCK 63
+#define HEAD_NUMBERS 11 /* the format's, 64 bits each */
+#define VERSION_MAX 2   /* the latest that is known */
+#define AC_OF_BLOCK 63  /* 8 x 8 without the mean */
 
 const char dwa_no_memory[] = "out of memory";
 

@@ -9,7 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define DWA_CHANNELS_MAX 1024
+#define DWA_CHANNELS_MAX 1024 /* as EXR_CHANNELS_MAX of exr_file.h */
 
 /* Buffers reused from chunk to chunk. Zeroed memory is a valid empty workspace. */
 struct dwa {

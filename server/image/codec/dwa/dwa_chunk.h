@@ -5,7 +5,7 @@
 
 #include <stdbool.h>
 
-#define RULES_MAX 256
+#define RULES_MAX 256 /* bounds what a file may ask for */
 
 enum scheme {
     SCHEME_DEFLATE, /* deflate only */

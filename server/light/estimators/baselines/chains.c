@@ -6,7 +6,7 @@
 
 #include <math.h>
 
-#define ROULETTE_FROM 4
+#define ROULETTE_FROM 4 /* events; chosen, not measured */
 
 static double largest(const double v[3])
 {

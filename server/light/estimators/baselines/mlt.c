@@ -10,11 +10,11 @@
 #include <omp.h>
 #include <string.h>
 
-#define LARGE_STEPS 0.3
+#define LARGE_STEPS 0.3         /* their probability; chosen, not measured */
 #define STEP_MIN (1.0 / 1024.0) /* range of small step sizes [Kelemen et al. 2002] */
 #define STEP_MAX (1.0 / 64.0)
-#define CHAIN_LENGTH 512
-#define PILOT 4096
+#define CHAIN_LENGTH 512 /* mutations; chains are many and short (path.h) */
+#define PILOT 4096       /* samples; chosen, not measured */
 #define BOOTSTRAP_MIN (UINT64_C(1) << 14)
 #define BOOTSTRAP_MAX (UINT64_C(1) << 22)
 #define BRIGHTEST_CHANNEL (1.0 / 0.0722) /* a channel exceeds the luminance at most by this factor: pure blue */

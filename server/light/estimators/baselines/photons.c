@@ -11,7 +11,7 @@
 #define EMITTED_MAX (UINT64_C(1) << 20)
 #define BLOCK 4096 /* particles whose photons are collected in one list */
 #define NEAREST_MIN 16u
-#define NEAREST_MAX 128u
+#define NEAREST_MAX 128u /* bounds arrays on the stack */
 
 struct photon {
     float at[3];
