@@ -119,7 +119,7 @@ static void hint(struct feeder *f)
     log_info("waiting until the last image is stored; is 'relight-record --recorder %s' running?", f->desc.sequence);
 }
 
-/* Every frame has its fate. In lockstep the last picture has been stored too, since its credit was returned. */
+/* Every frame has its fate. In lockstep the last image has been stored too, since its credit was returned. */
 static bool is_all_settled(struct feeder *f)
 {
     return reader_is_done(f->reader) && f->flight_count == 0 && !f->transmitting &&
@@ -257,7 +257,7 @@ static void resume_lockstep(struct feeder *f, bool has_after, uint64_t after)
         log_warning("the server has lost frames up to %" PRIu64 "%s", f->settled,
                     f->desc.watched ? "; a watched folder cannot be replayed: images may be missing"
                                     : ", they are sent again");
-        f->report.pictures_lost |= f->desc.watched;
+        f->report.images_lost |= f->desc.watched;
         if (!f->desc.watched) {
             f->report.has_last = false;
             begin_reading(f, has_after, after);

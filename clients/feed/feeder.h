@@ -22,10 +22,10 @@ struct feeder_report {
     uint64_t
         refused;   /* by the server, or because they could not be read or sent; each was reported on standard error */
     uint64_t lost; /* live: sent, but the connection was lost before the fate arrived */
-    bool pictures_lost; /* lockstep: the server lost frames that cannot be sent again */
-    uint64_t passed;    /* not sent, because the server already had them */
+    bool images_lost; /* lockstep: the server lost frames that cannot be sent again */
+    uint64_t passed;  /* not sent, because the server already had them */
     uint64_t bytes;
-    bool complete; /* all frames have their fate and, in lockstep, their pictures are stored */
+    bool complete; /* all frames have their fate and, in lockstep, their images are stored */
     bool resumed;  /* the first welcome named a frame, resume_after */
     uint64_t resume_after;
     bool has_last; /* something was sent; `last` is the last frame */

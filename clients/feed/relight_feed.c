@@ -121,7 +121,7 @@ static int run(const struct feed *feed, struct feeder *f, struct reason *why)
         log_warning("nothing was sent: the server already has all frames of sequence %s up to %" PRIu64
                     "; use another --sequence to start a new one",
                     d->sequence, r.resume_after);
-    return client_exit_code(end, (!d->lockstep || r.complete) && r.refused + r.lost == 0 && !r.pictures_lost);
+    return client_exit_code(end, (!d->lockstep || r.complete) && r.refused + r.lost == 0 && !r.images_lost);
 }
 
 int main(int argc, char **argv)

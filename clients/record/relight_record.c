@@ -1,6 +1,6 @@
 /* Stores a relightd's images as files: live, as many as arrive, or as the recorder of a lockstep sequence, exactly
  * one per environment frame. An image is acknowledged once it is safely on disk. Everything runs on one thread: while
- * a picture is being stored, the server holds back the one after the next. */
+ * an image is being stored, the server holds back the one after the next. */
 #include "base/clock.h"
 #include "base/file_pattern.h"
 #include "base/file_store.h"
@@ -19,7 +19,7 @@
 #include <unistd.h>
 
 #define PICTURE_MAX ((size_t)1 << 30) /* bytes; memory is allocated as they arrive */
-#define UNREADABLE_MOST 10            /* pictures in a row */
+#define UNREADABLE_MOST 10            /* images in a row */
 
 struct span { /* microseconds */
     uint64_t count;
@@ -31,7 +31,7 @@ struct record {
     enum protocol_format format; /* 0: by the file's name */
     int quality;                 /* 0: the server's default */
     double max_rate;             /* 0: no limit */
-    uint64_t wanted;             /* pictures; 0: until stopped */
+    uint64_t wanted;             /* images; 0: until stopped */
     const char *recorder;        /* NULL: not in lockstep */
     const char *pattern, *index_path;
     bool once, lockstep, json;
@@ -41,20 +41,20 @@ struct record {
     struct connection *connection;
     struct progress line;
     char session[64];
-    uint64_t newest; /* sequence number of the last picture in this session */
+    uint64_t newest; /* sequence number of the last image in this session */
     bool has_stored; /* first and last are valid */
     uint64_t first, last;
     uint64_t stored, again, bytes;
     struct span latency;
     int64_t uncertain_us;
-    uint64_t unreadable;     /* pictures that were skipped, */
+    uint64_t unreadable;     /* images that were skipped, */
     unsigned unreadable_row; /* of these the last ones in a row */
-    bool ended;              /* the sequence has ended, or all requested pictures are stored */
-    bool failed;             /* a picture could not be stored */
-    bool missed;             /* another recorder stored pictures of the sequence */
+    bool ended;              /* the sequence has ended, or all requested images are stored */
+    bool failed;             /* an image could not be stored */
+    bool missed;             /* another recorder stored images of the sequence */
 };
 
-/* ---- Pictures ---- */
+/* ---- Images ---- */
 
 static const char *const format_names[] = {
     [PROTOCOL_JPEG] = "jpeg", [PROTOCOL_EXR_HALF] = "exr_half", [PROTOCOL_EXR_FLOAT] = "exr_float"
@@ -120,7 +120,7 @@ static enum err store(struct record *r, const struct protocol_picture *h, const 
     return ERR_OK;
 }
 
-/* Whether the file is already stored: a picture resent because its acknowledgement was lost, or the last one, which a
+/* Whether the file is already stored: an image resent because its acknowledgement was lost, or the last one, which a
  * viewer receives again on every connection. */
 static bool is_stored(const struct record *r, const struct protocol_picture *h)
 {
@@ -138,7 +138,7 @@ static void acknowledge(struct record *r, const struct protocol_picture *h)
     connection_say(r->connection, ack);
 }
 
-/* What is wrong with a message that should be a picture; NULL: nothing. */
+/* What is wrong with a message that should be an image; NULL: nothing. */
 static const char *examine(const struct record *r, const uint8_t *bytes, size_t size, struct protocol_picture *h,
                            size_t *offset)
 {
@@ -153,7 +153,7 @@ static const char *examine(const struct record *r, const uint8_t *bytes, size_t 
     return NULL;
 }
 
-/* A picture that cannot be stored is skipped, but not many in a row, and none of a sequence, which must be complete. */
+/* An image that cannot be stored is skipped, but not many in a row, and none of a sequence, which must be complete. */
 static void skip(struct record *r, const uint8_t *bytes, size_t size, const char *fault)
 {
     const uint64_t sequence = protocol_picture_sequence(bytes, size);
@@ -213,7 +213,7 @@ static bool is_offered(const json_t *welcome, const char *format)
     return false;
 }
 
-/* While we were away another recorder may have stored pictures, which are then missing here. */
+/* While we were away another recorder may have stored images, which are then missing here. */
 static void notice_others(struct record *r, const json_t *welcome)
 {
     uint64_t after;
@@ -341,7 +341,7 @@ static enum err choose_format(struct record *r, struct reason *why)
     return ERR_OK;
 }
 
-/* Checks the output folder now rather than when the first picture arrives, perhaps an hour later. */
+/* Checks the output folder now rather than when the first image arrives, perhaps an hour later. */
 static enum err check_folder(const struct file_pattern *p, struct reason *why)
 {
     char folder[4096];

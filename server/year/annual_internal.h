@@ -65,7 +65,7 @@ void annual_order_finish(struct annual *a);
 /* report.c: all files but the tables. Errors of file_store and png_encode. */
 MUST_CHECK enum err annual_report(struct annual *a, struct reason *why);
 
-/* pictures.c. annual_images_read: desc.pictures; ERR_USAGE. annual_image_of: the image requested for a moment;
+/* images.c. annual_images_read: desc.images; ERR_USAGE. annual_image_of: the image requested for a moment;
  * NULL: none. annual_image_write: the files of a moment, from a->rgb. */
 MUST_CHECK enum err annual_images_read(struct annual *a, struct reason *why);
 struct annual_image *annual_image_of(struct annual *a, const struct moment *m);

@@ -178,7 +178,7 @@ static void to_codes(float *rgb, size_t values, double gain)
 struct seams {
     struct prepared_scene *set;
     struct transport *cache[2]; /* compressed, and not */
-    float *lo, *picture[2];
+    float *lo, *image[2];
     uint8_t *mask;
     uint32_t *block_of; /* [packet_count] */
     size_t pixels;
@@ -213,8 +213,8 @@ static enum err seams_init(struct seams *s, const struct bench *b, struct bench_
     s->block_of = mem_alloc(s->set->gbuffer->packet_count, sizeof(*s->block_of));
     s->mask = mem_alloc(s->pixels, 1);
     for (int k = 0; k < 2; k++)
-        s->picture[k] = mem_alloc(3 * s->pixels, sizeof(float));
-    if (!s->lo || !s->block_of || !s->mask || !s->picture[0] || !s->picture[1])
+        s->image[k] = mem_alloc(3 * s->pixels, sizeof(float));
+    if (!s->lo || !s->block_of || !s->mask || !s->image[0] || !s->image[1])
         return ERR_NOMEM;
     resolve_mask(s->set->gbuffer, s->mask);
     for (uint32_t k = 0; k < s->cache[0]->block_count; k++)
@@ -227,7 +227,7 @@ static void seams_finish(struct seams *s)
 {
     for (int k = 0; k < 2; k++) {
         transport_destroy(s->cache[k]);
-        mem_free(s->picture[k]);
+        mem_free(s->image[k]);
     }
     mem_free(s->lo);
     mem_free(s->mask);
@@ -251,8 +251,8 @@ static uint32_t pixel_block(const struct seams *s, size_t pixel)
 static bool differ(const struct seams *s, size_t i, size_t j)
 {
     for (int c = 0; c < 3; c++) {
-        const double here = (double)s->picture[0][3 * i + c] - (double)s->picture[1][3 * i + c];
-        const double there = (double)s->picture[0][3 * j + c] - (double)s->picture[1][3 * j + c];
+        const double here = (double)s->image[0][3 * i + c] - (double)s->image[1][3 * i + c];
+        const double there = (double)s->image[0][3 * j + c] - (double)s->image[1][3 * j + c];
         if (fabs(here - there) > SEAM_CODES)
             return true;
     }
@@ -288,13 +288,13 @@ static enum err measure_seams(struct seams *s, struct bench *b, struct bench_row
 
     for (int k = 0; k < 2 && !e; k++) {
         e = transport_shade(s->cache[k], b->skies[0].environment, &frame, s->lo, &stats);
-        resolve_pixels(g, s->lo, b->skies[0].environment, s->picture[k]);
+        resolve_pixels(g, s->lo, b->skies[0].environment, s->image[k]);
     }
     if (e)
         return e;
-    const double gain = gain_of(s->picture[1], s->mask, g->width, g->height);
+    const double gain = gain_of(s->image[1], s->mask, g->width, g->height);
     for (int k = 0; k < 2; k++)
-        to_codes(s->picture[k], 3 * s->pixels, gain);
+        to_codes(s->image[k], 3 * s->pixels, gain);
     count_seams(s, &all, &seen);
     if (all == 0)
         bench_skip(row, "no two blocks meet");

@@ -118,7 +118,7 @@ static uint64_t frame_size(const uint8_t *h, size_t size)
 
 /* Reads WebSocket frames until an image is complete, as much at a time as has come, and acknowledges it: until then
  * the server sends no other. Small messages that come with an image's end are dropped. */
-static bool read_picture(struct delivery *d, int fd)
+static bool read_image(struct delivery *d, int fd)
 {
     bool complete = false;
 
@@ -154,7 +154,7 @@ static enum err deliver(void *context)
     server_publish(d->server, p);
     d->published++;
     for (uint32_t i = 0; i < d->viewers; i++)
-        if (!read_picture(d, d->viewer[i]))
+        if (!read_image(d, d->viewer[i]))
             return ERR_IO;
     return ERR_OK;
 }

@@ -137,7 +137,7 @@ static void limit_ms(struct outlet *o, int64_t ms)
 static enum err learn(struct outlet *o, const struct publish_entry *entry, const struct sink_unit *unit, bool *news,
                       struct reason *why)
 {
-    const struct protocol_picture *header = image_header(entry->picture);
+    const struct protocol_picture *header = image_header(entry->image);
     const size_t size = annexb_header_size(unit->bytes, unit->size);
 
     *news = size != o->header_size || (size > 0 && memcmp(o->header, unit->bytes, size) != 0);
@@ -158,7 +158,7 @@ static enum err learn(struct outlet *o, const struct publish_entry *entry, const
 static struct sink_unit unit_of(const struct publish_entry *entry)
 {
     size_t size;
-    const uint8_t *message = image_message(entry->picture, &size);
+    const uint8_t *message = image_message(entry->image, &size);
 
     return (struct sink_unit){ message + PROTOCOL_PICTURE_BYTES, size - PROTOCOL_PICTURE_BYTES, entry->time_us,
                                entry->key };
@@ -180,7 +180,7 @@ static enum err learn_first(struct outlet *o, struct reason *why)
         const struct sink_unit unit = unit_of(&entry);
         bool news;
         e = learn(o, &entry, &unit, &news, why);
-        image_unref(entry.picture);
+        image_unref(entry.image);
     }
     publish_queue_open(&o->queue, false);
     return e;
@@ -244,7 +244,7 @@ static enum err serve(struct outlet *o, struct reason *why)
     while (!e && !atomic_load(&o->stop_ms))
         if (publish_queue_take(&o->queue, &entry, TAKE_MS)) {
             e = write_entry(o, sink, &entry, why);
-            image_unref(entry.picture);
+            image_unref(entry.image);
         }
     publish_queue_open(&o->queue, false);
     limit_ms(o, CLOSE_MS);
@@ -345,11 +345,11 @@ bool publisher_wants(struct publisher *p, bool *key)
     return any;
 }
 
-void publisher_push(struct publisher *p, struct sent_image *picture, int64_t time_us)
+void publisher_push(struct publisher *p, struct sent_image *image, int64_t time_us)
 {
     for (uint32_t i = 0; p && i < p->count; i++) {
-        const bool key = image_header(picture)->flags & PROTOCOL_PICTURE_KEY;
-        publish_queue_push(&p->outlets[i].queue, &(struct publish_entry){ picture, time_us, key });
+        const bool key = image_header(image)->flags & PROTOCOL_PICTURE_KEY;
+        publish_queue_push(&p->outlets[i].queue, &(struct publish_entry){ image, time_us, key });
     }
 }
 

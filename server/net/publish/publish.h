@@ -25,7 +25,7 @@ bool publisher_wants(struct publisher *p, bool *key);
 
 /* Offers an image whose payload is an H.264 access unit in Annex B format to all targets; never blocks. Call it before
  * the image is published elsewhere. time_us: any monotonic clock. p may be NULL. One thread at a time. */
-void publisher_push(struct publisher *p, struct sent_image *picture, int64_t time_us);
+void publisher_push(struct publisher *p, struct sent_image *image, int64_t time_us);
 
 /* Writes the status of each target. Returns their number. p may be NULL: 0. Thread: any. */
 uint32_t publisher_report(struct publisher *p, struct server_publish out[SERVER_PUBLISH_MAX]);

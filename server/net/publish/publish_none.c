@@ -23,7 +23,7 @@ bool publisher_wants(struct publisher *p, bool *key)
     return false;
 }
 
-void publisher_push(struct publisher *p, struct sent_image *picture, int64_t time_us)
+void publisher_push(struct publisher *p, struct sent_image *image, int64_t time_us)
 {
 }
 

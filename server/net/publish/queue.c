@@ -13,7 +13,7 @@ static size_t size_of(const struct publish_entry *e)
 {
     size_t size;
 
-    image_message(e->picture, &size);
+    image_message(e->image, &size);
     return size;
 }
 
@@ -32,7 +32,7 @@ static struct publish_entry pop(struct publish_queue *q)
 static void clear(struct publish_queue *q)
 {
     while (q->count > 0)
-        image_unref(pop(q).picture);
+        image_unref(pop(q).image);
 }
 
 void publish_queue_finish(struct publish_queue *q)
@@ -55,7 +55,7 @@ void publish_queue_open(struct publish_queue *q, bool open)
 static void drop_chain(struct publish_queue *q)
 {
     do {
-        image_unref(pop(q).picture);
+        image_unref(pop(q).image);
         q->dropped++;
     } while (q->count > 0 && !q->entries[q->first].key);
     q->needs_key = q->broken = q->count == 0;
@@ -79,7 +79,7 @@ void publish_queue_push(struct publish_queue *q, const struct publish_entry *ent
         q->needs_key = q->broken = false;
         q->entries[(q->first + q->count++) % PUBLISH_QUEUE] = *entry;
         q->bytes += size;
-        image_ref(entry->picture);
+        image_ref(entry->image);
         pthread_cond_broadcast(&q->changed);
     }
     pthread_mutex_unlock(&q->lock);

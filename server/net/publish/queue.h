@@ -14,8 +14,8 @@ struct sent_image;
 #define PUBLISH_QUEUE_BYTES ((size_t)32 << 20) /* a single larger image is accepted even so */
 
 struct publish_entry {
-    struct sent_image *picture; /* one access unit as payload, with a reference */
-    int64_t time_us;         /* any monotonic clock */
+    struct sent_image *image; /* one access unit as payload, with a reference */
+    int64_t time_us;          /* any monotonic clock */
     bool key;
 };
 

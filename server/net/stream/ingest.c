@@ -379,19 +379,19 @@ void server_frame_fate(struct server *s, const struct server_ticket *ticket, enu
     lws_cancel_service(s->context);
 }
 
-void server_publish_for(struct server *s, struct sent_image *picture, const struct server_ticket *ticket)
+void server_publish_for(struct server *s, struct sent_image *image, const struct server_ticket *ticket)
 {
     struct ingest *g = &s->ingest;
 
     pthread_mutex_lock(&s->lock);
-    struct sent_image *old = server_place(s, picture, ticket->lockstep ? PROTOCOL_PICTURE_LOCKSTEP : 0);
-    const struct protocol_picture *header = image_header(picture);
+    struct sent_image *old = server_place(s, image, ticket->lockstep ? PROTOCOL_PICTURE_LOCKSTEP : 0);
+    const struct protocol_picture *header = image_header(image);
     struct ticket *t = find_ticket(g, ticket);
-    if (t && (!t->sequence || (unsigned)t->sequence->format == image_kind(picture))) {
+    if (t && (!t->sequence || (unsigned)t->sequence->format == image_kind(image))) {
         note(g, t->producer, t->sequence, t->number, SERVER_USED)->picture = header->sequence;
         if (t->sequence) {
             remember(t->sequence, t->number, header->sequence);
-            t->sequence->kept = image_ref(picture);
+            t->sequence->kept = image_ref(image);
             t->sequence->stage = SEQUENCE_KEPT;
             pthread_cond_signal(&g->arrived);
         }

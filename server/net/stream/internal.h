@@ -252,7 +252,7 @@ struct server {
     struct server *next;               /* {lock} the description from server_change; never runs */
 };
 
-/* picture.c: gives an image its place in the stream, before other threads see it. Adds flags. */
+/* sent_image.c: gives an image its place in the stream, before other threads see it. Adds flags. */
 void image_stamp(struct sent_image *p, uint64_t sequence, uint64_t made, int64_t published_us, uint8_t flags);
 uint64_t image_made(const struct sent_image *p);                   /* server.begun when it was published */
 int image_rendition(const struct sent_image *p, uint64_t *serial); /* its slot; -1: none */

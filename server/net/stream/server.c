@@ -525,10 +525,10 @@ struct sent_image *server_place(struct server *s, struct sent_image *p, uint8_t 
     return old;
 }
 
-void server_publish(struct server *s, struct sent_image *picture)
+void server_publish(struct server *s, struct sent_image *image)
 {
     pthread_mutex_lock(&s->lock);
-    struct sent_image *old = server_place(s, picture, 0);
+    struct sent_image *old = server_place(s, image, 0);
     pthread_mutex_unlock(&s->lock);
     image_unref(old);
     lws_cancel_service(s->context); /* the only libwebsockets call allowed on other threads */

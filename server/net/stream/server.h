@@ -108,7 +108,7 @@ void server_begin_image(struct server *s);
 
 /* Gives the image its sequence number and time and offers it to all viewers of its format. Takes over the caller's
  * reference. An image is published once, to one server. */
-void server_publish(struct server *s, struct sent_image *picture);
+void server_publish(struct server *s, struct sent_image *image);
 
 /* ---- Frames that producers push ---- */
 
@@ -131,7 +131,7 @@ void server_frame_fate(struct server *s, const struct server_ticket *ticket, enu
 /* As server_publish, for an image of that frame; also reports SERVER_USED. For a lockstep frame only the image in
  * the recorder's format (server_demand) does that; it is kept until the recorder acknowledges it as stored, which
  * returns the producer's credit. */
-void server_publish_for(struct server *s, struct sent_image *picture, const struct server_ticket *ticket);
+void server_publish_for(struct server *s, struct sent_image *image, const struct server_ticket *ticket);
 
 /* ---- What controllers ask for ---- */
 

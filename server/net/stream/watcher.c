@@ -213,7 +213,7 @@ static void request_write(struct watcher *w)
 }
 
 /* Its next image as a new reference; NULL: none yet. */
-static struct sent_image *next_picture(const struct watcher *w)
+static struct sent_image *next_image(const struct watcher *w)
 {
     struct server *s = w->server;
 
@@ -227,7 +227,7 @@ static struct sent_image *next_picture(const struct watcher *w)
 
 static bool has_image(const struct watcher *w)
 {
-    struct sent_image *p = next_picture(w);
+    struct sent_image *p = next_image(w);
 
     image_unref(p);
     return p != NULL;
@@ -411,7 +411,7 @@ int watcher_write(struct watcher *w)
     w->waiting = false;
     if (w->closing)
         return -1;
-    struct sent_image *p = w->current ? NULL : next_picture(w);
+    struct sent_image *p = w->current ? NULL : next_image(w);
     if (p)
         begin(w, p);
     if (!w->current) {

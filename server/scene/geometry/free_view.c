@@ -11,7 +11,6 @@
 #define FAR 1e6    /* m, of a coordinate */
 #define NARROW 1.0 /* degrees: what a plane can show */
 #define WIDE 170.0
-#define PI 3.14159265358979323846
 
 /* Parses three numbers separated by commas, up to `end`. Returns the position after them, or NULL if they are
  * malformed. */

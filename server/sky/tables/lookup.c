@@ -21,7 +21,7 @@
 #define GAP 2.0f
 
 /* The source image or, with factor > 1, the resampler's blocks of it. */
-struct sent_image {
+struct texels {
     const float *rgb;
     uint32_t columns, rows, factor;
 };
@@ -35,7 +35,7 @@ static int64_t hold(int64_t at, uint32_t low, uint32_t high, bool wraps)
 }
 
 /* False for a texel of a ball or fisheye whose centre is outside the circle. */
-static bool is_shown(const struct resample_table *t, const struct sent_image *p, int64_t column, int64_t row)
+static bool is_shown(const struct resample_table *t, const struct texels *p, int64_t column, int64_t row)
 {
     const double x = 2.0 * (double)column + 1.0 - p->columns, y = 2.0 * (double)row + 1.0 - p->rows;
     const double side = p->columns < p->rows ? p->columns : p->rows;
@@ -66,7 +66,7 @@ struct four {
 };
 
 /* False if the layout does not cover that direction. */
-static bool find_four(const struct environment *e, const struct sent_image *p, struct vec3 w, struct four *out)
+static bool find_four(const struct environment *e, const struct texels *p, struct vec3 w, struct four *out)
 {
     const struct resample_table *t = e->resampler->table;
     const double c = cos(e->rotation), s = sin(e->rotation);
@@ -88,7 +88,7 @@ static bool find_four(const struct environment *e, const struct sent_image *p, s
     return shown;
 }
 
-static void interpolate(const struct environment *e, const struct sent_image *p, struct vec3 w, float rgb[3])
+static void interpolate(const struct environment *e, const struct texels *p, struct vec3 w, float rgb[3])
 {
     const struct resample_table *t = e->resampler->table;
     float whole = 0.0f, sum[3] = { 0.0f, 0.0f, 0.0f };
@@ -109,20 +109,20 @@ static void interpolate(const struct environment *e, const struct sent_image *p,
         rgb[i] = e->gain * (whole > 0.0f ? sum[i] / whole : e->resampler->mean[i]);
 }
 
-static struct sent_image source_of(const struct environment *e)
+static struct texels source_of(const struct environment *e)
 {
-    return (struct sent_image){ e->image.rgb, e->image.width, e->image.height, 1 };
+    return (struct texels){ e->image.rgb, e->image.width, e->image.height, 1 };
 }
 
-static struct sent_image blocks_of(const struct environment *e)
+static struct texels blocks_of(const struct environment *e)
 {
     const struct resample_table *t = e->resampler->table;
-    return (struct sent_image){ e->resampler->reduced, t->columns, t->rows, t->factor };
+    return (struct texels){ e->resampler->reduced, t->columns, t->rows, t->factor };
 }
 
 void environment_lookup(const struct environment *e, struct vec3 w, float rgb[3])
 {
-    const struct sent_image p = source_of(e);
+    const struct texels p = source_of(e);
     interpolate(e, &p, w, rgb);
 }
 
@@ -173,10 +173,10 @@ static struct rung coarser(const struct environment *e, struct rung from)
 static void look_at_rung(const struct environment *e, int what, struct vec3 w, float rgb[3])
 {
     const struct pyramid *p = e->pyramid;
-    const struct sent_image picture = what == RUNG_SOURCE ? source_of(e) : blocks_of(e);
+    const struct texels own = what == RUNG_SOURCE ? source_of(e) : blocks_of(e);
 
     if (what < 0)
-        interpolate(e, &picture, w, rgb);
+        interpolate(e, &own, w, rgb);
     else if (what < (int)p->count)
         pyramid_lookup(p, (uint32_t)what, (const float[3]){ w.x, w.y, w.z }, rgb);
     else
@@ -253,7 +253,7 @@ bool lookup_key_equal(const struct lookup_key *a, const struct lookup_key *b)
 struct lookup_place lookup_place_find(const struct environment *e, struct vec3 w, float width)
 {
     const struct lookup_place none = { .texel = LOOKUP_NONE };
-    const struct sent_image p = source_of(e);
+    const struct texels p = source_of(e);
     struct four f;
 
     if (width * TEXEL_PER_WIDTH > finest(e).texel || !find_four(e, &p, w, &f))
