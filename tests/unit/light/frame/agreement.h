@@ -62,7 +62,7 @@ enum who {
     BY_CENTRE, /* path.h through the pixels' centres, which is where those points are */
     BY_PATH,   /* path.h, all over the pixels */
     BY_LIGHT,  /* light_tracer.h, likewise */
-    BY_MLT,    /* mlt.h, likewise */
+    BY_MLT,    /* mlt.c, likewise */
     BY_STORED, /* caustic_store.h, and light_tracer.h for the sky's sun, likewise */
 };
 

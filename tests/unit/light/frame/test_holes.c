@@ -153,7 +153,7 @@ static void caches_in_a_shell_with_holes(void **state)
     lit_destroy(&x);
 }
 
-/* Whole pixels by path.h, mlt.h and the light tracer: of each, the shell is c. */
+/* Whole pixels by path.h, mlt.c and the light tracer: of each, the shell is c. */
 static void whole_images_of_a_shell_with_holes(void **state)
 {
     static const struct {

@@ -1,7 +1,7 @@
 /* Energy below normal maps.
  *
  * A flat white card in an open, even sky of 1 has a radiance of 1 whatever its map does: a tilt of its normal by t
- * hides (1 - cos t) / 2 of the light from it, which the gain of its matte part returns (normal_map.h). The sky's part
+ * hides (1 - cos t) / 2 of the light from it, which the gain of its matte part returns (scatter.h). The sky's part
  * below the card never lights it, however much the normal turns there. */
 #include "light/estimators/courts.h"
 #include "light/estimators/points.h"
