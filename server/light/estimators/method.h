@@ -16,9 +16,9 @@ enum method {
     METHOD_LATLONG,       /* by the texels of a lat-long source, marginal and conditional */
     METHOD_LATLONG_ROWS,  /* likewise, one row-major CDF */
     METHOD_PATH,          /* the whole image by path tracing, including camera rays: baselines/path.h */
-    METHOD_MLT,           /* likewise by Metropolis light transport: baselines/mlt.h */
-    METHOD_PHOTONS,       /* likewise by photon mapping, biased: baselines/photons.h */
-    METHOD_VPL,           /* likewise by virtual point lights, biased: baselines/vpl.h */
+    METHOD_MLT,           /* likewise by Metropolis light transport: baselines/path.h */
+    METHOD_PHOTONS,       /* likewise by photon mapping, biased: baselines/path.h */
+    METHOD_VPL,           /* likewise by virtual point lights, biased: baselines/path.h */
     METHOD_COMPONENTS,    /* likewise as a sum of parts, one a patch of the sky: light/radiance/parts.h */
     METHOD_CACHED,        /* direct light from the cache, biased: light/cache_direct/transport.h */
     METHOD_AUTO, /* METHOD_MIS with the sun, if any, as a separate stratum, and MIS compensation: never worse in
