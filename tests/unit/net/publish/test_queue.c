@@ -24,7 +24,7 @@ static int take(struct publish_queue *q, bool *key)
 
     if (!publish_queue_take(q, &e, 0))
         return -1;
-    image_unref(e.picture);
+    image_unref(e.image);
     *key = e.key;
     return (int)e.time_us;
 }
