@@ -34,7 +34,7 @@ struct bench {
     struct frame frames[BENCH_SKIES], files[BENCH_SKIES];
     uint32_t frame_count;                      /* where they are fewer than skies, they turn */
     struct bench_sky skies[BENCH_SKIES], *sky; /* the current one */
-    uint64_t turn;                             /* of `sky` */
+    uint64_t turn, turns[2];                   /* of `sky`, and of the last one of either side of a row */
     double computed;                           /* the least share of a frame since bench_time began */
     int threads;
     struct progress line;
