@@ -15,10 +15,10 @@ struct accumulation {
     uint32_t packets;
     uint64_t key, turn; /* images since it began */
     bool still;         /* the sky is that of the last image */
-    bool slow;          /* this image may begin a glide */
     bool shows;         /* `shown` is light with this key */
     bool leaves;        /* in the glide of accumulation_leave */
-    unsigned glide;     /* steps still to take */
+    unsigned steps;     /* of the glide that this image may begin */
+    unsigned glide;     /* still to take */
     float *half[2];     /* B, [packets][3][16], as what follows */
     float *shown;
     float *target;      /* what it moves to */
@@ -65,17 +65,17 @@ uint64_t accumulation_turn(const struct accumulation *h)
     return h->turn;
 }
 
-void accumulation_begin(struct accumulation *h, uint64_t key, bool glides)
+void accumulation_begin(struct accumulation *h, uint64_t key, unsigned steps)
 {
     if (h->key != key) {
         memset(h->count, 0, h->packets * sizeof(*h->count));
         h->shows = false;
     }
-    if (h->key != key || !glides)
+    if (h->key != key || steps == 0)
         h->glide = 0;
     h->key = key;
     h->still = false;
-    h->slow = glides;
+    h->steps = steps;
 }
 
 unsigned accumulation_glides(const struct accumulation *h)
@@ -192,13 +192,19 @@ static void add_more(struct accumulation *h, const float *const more[2])
     }
 }
 
+/* The share of the way after a part of the steps. */
+static float way(const struct accumulation *h, float x)
+{
+    return h->steps == ACCUMULATION_GLIDE ? x * x * (3.0f - 2.0f * x) : x;
+}
+
 /* Of the way that is left, in a glide's step that begins; 1: all of it. */
 static float glide_share(const struct accumulation *h)
 {
-    const float from = 1.0f - (float)h->glide / ACCUMULATION_GLIDE, to = from + 1.0f / ACCUMULATION_GLIDE;
-    const float was = from * from * (3.0f - 2.0f * from), is = to * to * (3.0f - 2.0f * to);
-
-    return h->glide > 1 ? (is - was) / (1.0f - was) : 1.0f;
+    if (h->glide <= 1)
+        return (float)h->glide;
+    const float from = way(h, 1.0f - (float)h->glide / (float)h->steps);
+    return (way(h, 1.0f - (float)(h->glide - 1) / (float)h->steps) - from) / (1.0f - from);
 }
 
 void accumulation_glide(struct accumulation *h, float *lo)
@@ -217,7 +223,8 @@ unsigned accumulation_leave(struct accumulation *h, float *lo)
 {
     if (!h->shows)
         return 0;
-    h->glide = h->leaves ? h->glide : ACCUMULATION_GLIDE;
+    h->steps = ACCUMULATION_GLIDE;
+    h->glide = h->leaves ? h->glide : h->steps;
     h->leaves = true;
     memcpy(h->target, lo, h->packets * FLOATS * sizeof(float));
     accumulation_glide(h, lo);
@@ -234,7 +241,7 @@ void accumulation_show(struct accumulation *h, const float *const more[2], float
     if (more)
         add_more(h, more);
     denoiser_filter(h->denoiser, filtered, h->target);
-    h->glide = h->slow && h->shows ? ACCUMULATION_GLIDE : 0;
+    h->glide = h->shows ? h->steps : 0;
     h->shows = true;
     h->leaves = false;
     h->turn++;

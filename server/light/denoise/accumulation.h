@@ -21,7 +21,8 @@
 #include "light/denoise/denoise.h"
 
 /* The displayed light can glide to the filter's output in so many images: the share of the way is x^2 (3 - 2 x) after
- * x of them, so that it neither jumps nor turns at once. */
+ * x of them, so that it neither jumps nor turns at once. In another number of images it is x: one such glide follows
+ * another without a stop. */
 #define ACCUMULATION_GLIDE 16
 
 struct accumulation;
@@ -32,9 +33,9 @@ struct accumulation *accumulation_create(const struct gbuffer *g, struct denoise
 void accumulation_destroy(struct accumulation *h); /* NULL is allowed */
 
 /* Begins an image with the light that `key` identifies; a key other than the last image's discards the history.
- * glides: the displayed light moves to this image's in ACCUMULATION_GLIDE steps, of which accumulation_show takes the
- * first, unless light of another key was displayed before. Else a glide ends. */
-void accumulation_begin(struct accumulation *h, uint64_t key, bool glides);
+ * steps: the displayed light moves to this image's in so many, of which accumulation_show takes the first, unless light
+ * of another key was displayed before. 0: a glide ends. */
+void accumulation_begin(struct accumulation *h, uint64_t key, unsigned steps);
 
 /* `still`: the sky is the last image's; B is then still correct, and w is n / (n + 1). Unless it glides, the
  * displayed light then moves a quarter of the way to the filter's output. */
@@ -43,8 +44,8 @@ void accumulation_hold(struct accumulation *h, bool still);
 /* The steps that are left. */
 unsigned accumulation_glides(const struct accumulation *h);
 
-/* Instead of accumulation_add and accumulation_show, while steps are left: takes the next one, and writes the light to
- * lo, as accumulation_show does. */
+/* Instead of accumulation_add and accumulation_show: takes the next step, if one is left, and writes the light to lo, as
+ * accumulation_show does. */
 void accumulation_glide(struct accumulation *h, float *lo);
 
 /* Instead of accumulation_add and accumulation_show, once the cache makes images of a still sky: what is displayed

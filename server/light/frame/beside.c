@@ -34,13 +34,12 @@ struct beside {
     size_t images;         /* 1; with a ground 2: the second is for splats on it */
     float *weight;         /* [packet_count][16]: sum of a point's weights, if it is seen directly; else 0 */
     float *stored[2];      /* [packet_count][3][16], as the next */
-    float *half[2], *target, *shown;
+    float *half[2], *shown;
     float *image, *fresh, *rest; /* [images][height][width][3]; fresh: splats of this round without a shade point, */
     uint32_t rounds;             /* rest: the mean of so many rounds, since the sky or the estimator changed */
     uint64_t key;                /* of the last image */
     enum slice slice;            /* the next */
-    uint32_t left;               /* images until `shown` is `target` */
-    bool shows;                  /* shown is light of this key */
+    bool shows;                  /* the accumulation has light of this key */
     double energy;               /* of the last image's sky */
     float sun[3];                /* and where its sun was */
     /* Of the image: */
@@ -51,7 +50,7 @@ struct beside {
     struct eye_paths_desc unserved;    /* indirect light that the cache leaves to eye paths; paths 0: none */
     uint64_t wanted;                   /* its key */
     bool glides;                       /* nothing is sampled */
-    bool still, slow, sliced;          /* its sky is the last one's; its light may glide; it may take one slice */
+    bool still, slow;                  /* its sky is the last one's; its light may glide under that */
     const atomic_bool *cancel;         /* may be NULL */
 };
 
@@ -73,13 +72,12 @@ struct beside *beside_create(const struct prepared_scene *set, struct denoiser *
         b->stored[k] = mem_alloc(b->points, sizeof(float));
     for (int k = 0; k < 2; k++)
         b->half[k] = mem_alloc(b->points, sizeof(float));
-    b->target = mem_alloc(b->points, sizeof(float));
     b->shown = mem_alloc(b->points, sizeof(float));
     b->image = mem_alloc(b->images * b->values, sizeof(float));
     b->fresh = mem_alloc(b->images * b->values, sizeof(float));
     b->rest = mem_alloc(b->images * b->values, sizeof(float));
-    const void *const all[] = { b->accumulation, b->weight, b->stored[0], b->stored[1], b->half[0], b->half[1],
-                                b->target,       b->shown,  b->image,     b->fresh,     b->rest };
+    const void *const all[] = { b->accumulation, b->weight, b->stored[0], b->stored[1], b->half[0],
+                                b->half[1],      b->shown,  b->image,     b->fresh,     b->rest };
     for (size_t k = 0; k < sizeof(all) / sizeof(all[0]); k++)
         if (!all[k]) {
             beside_destroy(b);
@@ -103,7 +101,6 @@ void beside_destroy(struct beside *b)
         mem_free(b->stored[k]);
         mem_free(b->half[k]);
     }
-    mem_free(b->target);
     mem_free(b->shown);
     mem_free(b->image);
     mem_free(b->fresh);
@@ -116,12 +113,13 @@ bool beside_wanted(const struct prepared_scene *set, const struct relight_desc *
     return desc->remember && set->facts.casters > 0 && desc->classes & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
 }
 
-/* A round of slices. */
-static void begin(struct beside *b)
+/* A round of slices; whole: all of them in this image. What is shown moves towards a round during the next one. */
+static void begin(struct beside *b, bool whole)
 {
-    const bool still = b->still && b->shows && b->wanted == b->key;
+    b->shows = b->shows && b->wanted == b->key;
+    const bool still = b->still && b->shows;
 
-    accumulation_begin(b->accumulation, b->wanted, still && b->slow);
+    accumulation_begin(b->accumulation, b->wanted, !whole ? SLICES : still && b->slow ? ACCUMULATION_GLIDE : 0);
     accumulation_hold(b->accumulation, still);
     memset(b->fresh, 0, b->images * b->values * sizeof(float));
     if (!still)
@@ -134,7 +132,7 @@ static struct eye_paths_desc take_eye_paths(const struct environment *e, struct 
 {
     struct pass *s = frame_plan_find(plan, PASS_EYE);
 
-    if (!s || s->eye.only)
+    if (!s)
         return (struct eye_paths_desc){ .paths = 0 };
     struct eye_paths_desc own = s->eye;
     own.classes &= PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC;
@@ -180,7 +178,6 @@ void beside_describe(struct beside *b, const struct environment *e, const struct
     b->wanted = (uint64_t)desc->classes << 8 | (uint64_t)p->caustics << 4 | p->indirect_caustics;
     b->still = stats->still;
     b->slow = desc->glide;
-    b->sliced = !stats->still;
     b->request = desc;
     b->grows = relight_plan_later(desc, p) ? desc : NULL;
     b->stored_by = frame_plan_has(plan, PASS_STORED) ? desc : NULL;
@@ -308,22 +305,21 @@ static void filter(struct beside *b, const float *lo)
     for (int k = 0; k < 2; k++)
         memcpy(denoiser_half(b->denoiser, k), b->half[k], b->points * sizeof(float));
     accumulation_add(b->accumulation, lo);
-    accumulation_show(b->accumulation, stored, b->target);
+    accumulation_show(b->accumulation, stored, b->shown);
     const float share = 1.0f / (float)++b->rounds;
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < b->images * b->values; i++)
         b->rest[i] = b->rounds > 1 ? b->rest[i] + share * (b->fresh[i] - b->rest[i]) : b->fresh[i];
-    b->left = b->sliced ? SLICES : 1;
     b->shows = true;
 }
 
 static enum err run_slice(struct beside *b, struct passes *s, struct relight_caustics *c, const struct environment *e,
-                          const struct eye_paths_desc *eye, struct relight_stats *stats)
+                          const struct eye_paths_desc *eye, bool whole, struct relight_stats *stats)
 {
     enum err result = ERR_OK;
 
     if (b->slice == SLICE_STORED)
-        begin(b);
+        begin(b, whole);
     if (b->slice <= SLICE_STORED_OTHER)
         result = run_stored(b, c, e, b->slice - SLICE_STORED, stats);
     else if (b->slice <= SLICE_SAMPLES_OTHER)
@@ -361,15 +357,11 @@ static bool is_other_sky(struct beside *b, const struct relight_caustics *c, con
     return fabs(b->energy - was) > OTHER_ENERGY * was || apart > OTHER_SUN * OTHER_SUN;
 }
 
-static void add_shown(struct beside *b, float *lo)
+static void add_shown(const struct beside *b, float *lo)
 {
-    const float step = 1.0f / (float)(b->left > 0 ? b->left-- : 1);
-
 #pragma omp parallel for schedule(static)
-    for (size_t i = 0; i < b->points; i++) {
-        b->shown[i] += step * (b->target[i] - b->shown[i]);
+    for (size_t i = 0; i < b->points; i++)
         lo[i] += b->shown[i];
-    }
 }
 
 enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics, const struct environment *e,
@@ -378,22 +370,19 @@ enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics 
     if (!stats->bias && eye->paths > 0)
         stats->bias = "caustics behind mirrors and glass: no path brings more than a limit";
     if (b->glides) {
-        accumulation_glide(b->accumulation, b->target);
-        b->left = 1;
+        accumulation_glide(b->accumulation, b->shown);
         add_shown(b, s->lo);
         return ERR_OK;
     }
     enum err result = relight_caustics_take(caustics, e, b->request);
-    const bool other = is_other_sky(b, caustics, e) || !b->shows || b->wanted != b->key;
-    uint32_t count = 1;
+    const bool whole = is_other_sky(b, caustics, e) || b->still || !b->shows || b->wanted != b->key;
 
-    if (other || !b->sliced) {
+    if (whole)
         b->slice = SLICE_STORED;
-        b->sliced = false;
-        count = SLICES;
-    }
-    for (uint32_t k = 0; k < count && !result; k++)
-        result = run_slice(b, s, caustics, e, eye, stats);
+    else if (b->slice != SLICE_FILTER)
+        accumulation_glide(b->accumulation, b->shown);
+    for (int k = 0; k < (whole ? SLICES : 1) && !result; k++)
+        result = run_slice(b, s, caustics, e, eye, whole, stats);
     if (!result && !is_cancelled(b->cancel))
         add_shown(b, s->lo);
     return result;

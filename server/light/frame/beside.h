@@ -7,10 +7,9 @@
  *
  *     x(point) = sum over its pixels (w S / W) / sum over its pixels (w),   W = sum of w over the pixel's such points
  *
- * This light takes most of an image's time. So under a moving sky each image takes one
- * slice of it in turn: half of the stored paths, half of the samples, or the filter. After a round of slices, what is
- * shown glides to its light during the next round, under which the sky moves by some minutes. A sky unlike the last
- * image's, and a still one, gets all slices at once.
+ * This light takes most of an image's time. So under a moving sky each image takes one slice of it in turn: half of the
+ * stored paths, half of the samples, or the filter. What is shown moves to a round's light during the next round, and is
+ * six or seven images old on average. A sky unlike the last image's, and a still one, get all slices at once.
  *
  * Splats on pixels without such a point are added to the image unfiltered, as the mean of the images under one sky.
  * With a ground (backplate.h), splats on it go to points of the ground, and the others to other points. Stored paths
@@ -25,7 +24,7 @@
 
 struct beside;
 
-/* Needs 126 bytes per shade point and 48 per pixel, with a ground 84. set and denoiser, whose halves take the samples,
+/* Needs 114 bytes per shade point and 48 per pixel, with a ground 84. set and denoiser, whose halves take the samples,
  * must outlive it. NULL: no memory. */
 struct beside *beside_create(const struct prepared_scene *set, struct denoiser *denoiser);
 void beside_destroy(struct beside *b); /* NULL is allowed */

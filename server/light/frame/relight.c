@@ -116,7 +116,7 @@ static enum err add_accumulation(struct relighter *r, const struct relight_desc 
         r->accumulation = accumulation_create(r->set->gbuffer, r->denoiser);
     if (!r->accumulation)
         return ERR_NOMEM;
-    accumulation_begin(r->accumulation, desc->classes, still && (desc->glide || cached));
+    accumulation_begin(r->accumulation, desc->classes, still && (desc->glide || cached) ? ACCUMULATION_GLIDE : 0);
     if (desc->denoise) {
         renumber(plan, accumulation_turn(r->accumulation));
         frame_plan_find(plan, PASS_FILTER)->kind = PASS_ACCUMULATE;

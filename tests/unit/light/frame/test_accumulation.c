@@ -42,7 +42,7 @@ static void rig_finish(struct rig *r)
 /* An image of packets that all find a and b in the two halves. */
 static void image(struct rig *r, float a, float b)
 {
-    accumulation_begin(r->accumulation, 1, false);
+    accumulation_begin(r->accumulation, 1, 0);
     for (size_t i = 0; i < r->floats; i++) {
         denoiser_half(r->denoiser, 0)[i] = a;
         denoiser_half(r->denoiser, 1)[i] = b;
@@ -68,7 +68,7 @@ static void light_without_a_cache_glides(void **state)
 
     image(&r, 1.0f, 1.0f);
     was[1] = was[2] = shown(&r);
-    accumulation_begin(r.accumulation, 1, true);
+    accumulation_begin(r.accumulation, 1, ACCUMULATION_GLIDE);
     for (size_t i = 0; i < r.floats; i++) {
         denoiser_half(r.denoiser, 0)[i] = 1.2f;
         denoiser_half(r.denoiser, 1)[i] = 1.6f;
@@ -84,12 +84,12 @@ static void light_without_a_cache_glides(void **state)
         assert_true(fabsf(was[2] - 2.0f * was[1] + was[0]) <
                     0.4f * 6.0f / (ACCUMULATION_GLIDE * ACCUMULATION_GLIDE) + 1e-4f);
         assert_true(accumulation_glides(r.accumulation));
-        accumulation_begin(r.accumulation, 1, true);
+        accumulation_begin(r.accumulation, 1, ACCUMULATION_GLIDE);
         accumulation_glide(r.accumulation, r.lo);
     }
     assert_false(accumulation_glides(r.accumulation));
     assert_true(shown(&r) > 1.15f && shown(&r) < 1.45f);
-    accumulation_begin(r.accumulation, 2, true); /* other light is displayed at once */
+    accumulation_begin(r.accumulation, 2, ACCUMULATION_GLIDE); /* other light is displayed at once */
     accumulation_add(r.accumulation, NULL);
     accumulation_show(r.accumulation, NULL, r.lo);
     assert_false(accumulation_glides(r.accumulation));
@@ -98,7 +98,7 @@ static void light_without_a_cache_glides(void **state)
 
 static void show_halves(struct rig *r, bool still, float a, float b)
 {
-    accumulation_begin(r->accumulation, 1, false);
+    accumulation_begin(r->accumulation, 1, 0);
     accumulation_hold(r->accumulation, still);
     for (size_t i = 0; i < r->floats; i++) {
         denoiser_half(r->denoiser, 0)[i] = a;
@@ -149,6 +149,34 @@ static void noise_becomes_the_plain_mean(void **state)
     rig_finish(&r);
 }
 
+/* In another number of steps each is the same part of the way, and without steps left the light stays. */
+static void a_glide_of_a_round_is_even(void **state)
+{
+    enum { STEPS = 5 };
+    struct rig r = rig_make();
+    float at[STEPS + 1];
+    (void)state;
+
+    image(&r, 1.0f, 1.0f);
+    at[0] = shown(&r);
+    accumulation_begin(r.accumulation, 1, STEPS);
+    for (size_t i = 0; i < r.floats; i++) {
+        denoiser_half(r.denoiser, 0)[i] = 1.2f;
+        denoiser_half(r.denoiser, 1)[i] = 1.6f;
+    }
+    accumulation_add(r.accumulation, NULL);
+    accumulation_show(r.accumulation, NULL, r.lo);
+    for (int k = 1; k <= STEPS; k++) {
+        at[k] = shown(&r);
+        assert_int_equal(accumulation_glides(r.accumulation), STEPS - k);
+        accumulation_glide(r.accumulation, r.lo);
+    }
+    assert_true(at[STEPS] > 1.15f && shown(&r) == at[STEPS]);
+    for (int k = 1; k <= STEPS; k++)
+        assert_float_equal(at[k] - at[k - 1], (at[STEPS] - at[0]) / STEPS, 1e-5f);
+    rig_finish(&r);
+}
+
 /* The cache's light, 2, takes over from 1 in ACCUMULATION_GLIDE images without a jump, and is shown as it is. */
 static void the_cache_takes_over_without_a_jump(void **state)
 {
@@ -161,7 +189,7 @@ static void the_cache_takes_over_without_a_jump(void **state)
     while (left-- > 0) {
         was[0] = was[1];
         was[1] = was[2];
-        accumulation_begin(r.accumulation, 1, true);
+        accumulation_begin(r.accumulation, 1, ACCUMULATION_GLIDE);
         for (size_t i = 0; i < r.floats; i++)
             r.lo[i] = 2.0f;
         assert_int_equal(accumulation_leave(r.accumulation, r.lo), left);
@@ -170,7 +198,7 @@ static void the_cache_takes_over_without_a_jump(void **state)
     }
     for (size_t k = 0; k < r.floats; k++)
         assert_true(r.lo[k] == 2.0f);
-    accumulation_begin(r.accumulation, 2, true); /* other light is not left slowly */
+    accumulation_begin(r.accumulation, 2, ACCUMULATION_GLIDE); /* other light is not left slowly */
     r.lo[0] = 5.0f;
     assert_true(accumulation_leave(r.accumulation, r.lo) == 0 && r.lo[0] == 5.0f);
     rig_finish(&r);
@@ -183,7 +211,7 @@ static void another_key_forgets_all(void **state)
     (void)state;
 
     image(&r, 8.0f, 2.0f);
-    accumulation_begin(r.accumulation, 2, false);
+    accumulation_begin(r.accumulation, 2, 0);
     for (size_t i = 0; i < r.floats; i++)
         denoiser_half(r.denoiser, 0)[i] = denoiser_half(r.denoiser, 1)[i] = 1.0f;
     accumulation_add(r.accumulation, NULL);
@@ -308,6 +336,7 @@ static void few_samples_of_direct_light_alone_are_not_halved(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(few_samples_of_direct_light_alone_are_not_halved),
     cmocka_unit_test(light_without_a_cache_glides),
+    cmocka_unit_test(a_glide_of_a_round_is_even),
     cmocka_unit_test(samples_under_a_still_sky_do_not_flicker),
     cmocka_unit_test(noise_becomes_the_plain_mean),
     cmocka_unit_test(the_cache_takes_over_without_a_jump),

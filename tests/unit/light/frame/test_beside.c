@@ -258,7 +258,7 @@ static double error_under(struct stage *truth, double degrees, const struct stag
 }
 
 /* An image takes one slice of a round, unless its sky is another one: then all. In four rounds of a sun
- * that moves by half a degree, what comes late is half a round old: its error is below that of the first image, which
+ * that moves by half a degree, what comes late is six images old: its error is like that of the first image, which
  * has no history. The limit of paths behind glass makes images 2.7 % darker; without one half of the stored paths these
  * are 3.3 %, without one of the samples 4.9 %. */
 static void images_under_a_moving_sky_take_turns(void **state)
