@@ -44,8 +44,8 @@ void accumulation_hold(struct accumulation *h, bool still);
 /* The steps that are left. */
 unsigned accumulation_glides(const struct accumulation *h);
 
-/* Instead of accumulation_add and accumulation_show: takes the next step, if one is left, and writes the light to lo, as
- * accumulation_show does. */
+/* Instead of accumulation_add and accumulation_show: takes the next step, if one is left, and writes the light to lo,
+ * as accumulation_show does. */
 void accumulation_glide(struct accumulation *h, float *lo);
 
 /* Instead of accumulation_add and accumulation_show, once the cache makes images of a still sky: what is displayed
