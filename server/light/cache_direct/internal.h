@@ -17,7 +17,6 @@
 #define TRANSPORT_VARIANTS 256 /* sample sequences of the sun */
 #define TRANSPORT_UNIT 4       /* directions of a unit (transport_directions) */
 #define TRANSPORT_GAZES 32     /* stored directions of a narrow lobe */
-#define TRANSPORT_FADE 8       /* frames in which a new block fades in */
 #define TRANSPORT_MORE 4       /* strata of the sun per ray of the first round; a power of two */
 
 /* A block's row as traced, before compression: [cell][point]. */
@@ -67,7 +66,7 @@ struct transport_block {
     uint32_t kind;                 /* enum lobe_kind */
     uint32_t rows;                 /* rows with pieces; blocks with narrow lobes have only the matte row */
     bool narrow;                   /* has lobes narrower than a cell, and therefore gazes */
-    bool fine;                     /* its stage is TRANSPORT_FINE; valid only for published blocks */
+    bool built;                    /* at least coarsely; valid only while a cache is being built */
     uint32_t freed;                /* bytes that transport_keep has freed */
     struct transport_gaze *gazes;  /* [packets][TRANSPORT_GAZES]; NULL until built */
     struct transport_sight *sight; /* NULL until built */
@@ -228,15 +227,6 @@ struct transport_kernels {
 /* The loops for the CPU level of k. Never NULL; any thread. */
 const struct transport_kernels *transport_kernels_of(const struct kernels *k);
 
-/* The previous version of a block while the cache is being built (light/cache_direct/live.h); the new version fades in
- * from it.
- */
-struct transport_fade {
-    struct transport_block old; /* without pieces: light in lo, computed by other techniques */
-    uint8_t weight;             /* of the new block, in units of 1 / TRANSPORT_FADE; 0: not built yet */
-    bool from_cells;            /* old has pieces */
-};
-
 struct transport_last;
 
 struct transport {
@@ -246,11 +236,10 @@ struct transport {
     struct transport_block *blocks;
     uint32_t block_count;
     struct transport_stats stats;
-    struct transport_fade *fades; /* [block_count]; NULL: all blocks are built */
-    uint8_t *bytes;               /* of all pieces after transport_gather; NULL: each piece owns its bytes */
+    uint8_t *bytes; /* of all pieces after transport_gather; NULL: each piece owns its bytes */
     uint32_t *narrow_index;
     struct packet_list narrow;
-    uint32_t *unbuilt_index;
+    uint32_t *unbuilt_index; /* [packet_count] while the cache is being built; NULL: all blocks are */
     struct packet_list unbuilt;
 
     struct transport_last *last; /* of whole frames, once all blocks are built; NULL: none yet */

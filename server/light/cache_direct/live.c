@@ -6,7 +6,7 @@
 #include <pthread.h>
 
 struct transport_live {
-    struct transport *cache; /* the frame's thread; its fades are NULL once all blocks are built and faded in */
+    struct transport *cache; /* the frame's thread */
     struct transport *built; /* the builder; its pieces' bytes belong to the slots and to `cache` */
     struct transport_desc desc;
     struct transport_block *_Atomic *slots; /* [block_count]: finished and not collected yet, or NULL */
@@ -58,10 +58,9 @@ enum err transport_live_create(const struct gbuffer *g, const struct rays *rays,
         live->base = live->built->stats.bytes;
         live->slots = mem_alloc(count, sizeof(*live->slots));
         live->block_bytes = mem_alloc(count, sizeof(*live->block_bytes));
-        live->cache->fades = mem_alloc(count, sizeof(*live->cache->fades));
         live->cache->unbuilt_index = mem_alloc(g->packet_count, sizeof(*live->cache->unbuilt_index));
     }
-    if (!live->slots || !live->block_bytes || !live->cache->fades || !live->cache->unbuilt_index) {
+    if (!live->slots || !live->block_bytes || !live->cache->unbuilt_index) {
         transport_live_destroy(live);
         return err_say(why, ERR_NOMEM, "out of memory for the cache of direct light");
     }
@@ -74,8 +73,6 @@ void transport_live_destroy(struct transport_live *live)
 {
     if (!live)
         return;
-    for (uint32_t k = 0; live->cache && live->cache->fades && k < live->cache->block_count; k++)
-        block_free(live, &live->cache->fades[k].old);
     for (uint32_t k = 0; live->slots && k < live->built->block_count; k++) {
         struct transport_block *b = atomic_load(&live->slots[k]);
         if (b)
@@ -116,7 +113,7 @@ enum err transport_live_publish(struct transport_live *live, uint32_t index, con
     if (!mine)
         return ERR_NOMEM;
     *mine = *b;
-    mine->fine = fine;
+    mine->built = true;
     atomic_fetch_add(&live->held, bytes);
     atomic_fetch_add(&live->newest, bytes - live->block_bytes[index]);
     live->block_bytes[index] = (uint32_t)bytes;
@@ -181,83 +178,38 @@ struct transport *transport_live_cache(struct transport_live *live)
     return live->cache;
 }
 
-/* Replaces a block by its next version, which fades in over it. */
-static void take(struct transport_block *b, struct transport_fade *f, struct transport_block *next)
-{
-    f->from_cells = f->weight > 0;
-    f->weight = 0;
-    f->old = *b;
-    *b = *next;
-    mem_free(next);
-}
-
-/* Advances a fade by one frame, or to its end. Returns whether it has ended; the previous version is then freed. */
-static bool step(struct transport_live *live, struct transport_fade *f, bool to_end)
-{
-    f->weight = to_end ? TRANSPORT_FADE : f->weight + 1;
-    if (f->weight < TRANSPORT_FADE)
-        return false;
-    block_free(live, &f->old);
-    f->from_cells = false;
-    return true;
-}
-
-/* Lists the packets that other means must light, fully or in part. */
+/* Lists the packets that other means must light. */
 static void list_unbuilt(struct transport *t)
 {
     t->unbuilt = (struct packet_list){ t->unbuilt_index, 0 };
     for (uint32_t k = 0; k < t->block_count; k++)
-        for (uint32_t i = 0; i < t->blocks[k].packets; i++)
-            if (t->fades[k].weight < TRANSPORT_FADE && !t->fades[k].from_cells)
-                t->unbuilt_index[t->unbuilt.count++] = t->blocks[k].first + i;
-}
-
-/* Frees the state of the build: all blocks are settled. */
-static void end_fades(struct transport *t, const struct transport *built)
-{
-    mem_free(t->fades);
-    mem_free(t->unbuilt_index);
-    t->fades = NULL;
-    t->unbuilt_index = NULL;
-    t->unbuilt = (struct packet_list){ NULL, 0 };
-    t->stats = built->stats;
-}
-
-static void advance(struct transport_live *live, bool at_once)
-{
-    struct transport *t = live->cache;
-    const bool complete = atomic_load(&live->complete); /* then all remaining blocks are in the slots */
-    uint32_t settled = 0, ended = 0;
-
-    if (!t->fades)
-        return;
-    for (uint32_t k = 0; k < t->block_count; k++) {
-        struct transport_fade *f = &t->fades[k];
-        bool fading = f->weight > 0 && f->weight < TRANSPORT_FADE;
-        if (fading && step(live, f, at_once)) {
-            fading = false;
-            ended++;
-        }
-        struct transport_block *next = fading ? NULL : atomic_exchange(&live->slots[k], NULL);
-        if (next) {
-            take(&t->blocks[k], f, next);
-            ended += step(live, f, at_once);
-        }
-        settled += f->weight == TRANSPORT_FADE && !atomic_load(&live->slots[k]);
-    }
-    settle_count(live, ended);
-    list_unbuilt(t);
-    t->stats.bytes = live->base + atomic_load(&live->held);
-    if (complete && settled == t->block_count)
-        end_fades(t, live->built);
+        for (uint32_t i = 0; i < t->blocks[k].packets && !t->blocks[k].built; i++)
+            t->unbuilt_index[t->unbuilt.count++] = t->blocks[k].first + i;
 }
 
 void transport_live_advance(struct transport_live *live)
 {
-    advance(live, false);
-}
+    struct transport *t = live->cache;
+    const bool complete = atomic_load(&live->complete); /* then all remaining blocks are in the slots */
+    uint32_t replaced = 0;
 
-void transport_live_settle(struct transport_live *live)
-{
-    advance(live, true);
+    if (!t->unbuilt_index)
+        return;
+    for (uint32_t k = 0; k < t->block_count; k++) {
+        struct transport_block *next = atomic_exchange(&live->slots[k], NULL);
+        if (!next)
+            continue;
+        block_free(live, &t->blocks[k]);
+        t->blocks[k] = *next;
+        mem_free(next);
+        replaced++;
+    }
+    settle_count(live, replaced);
+    list_unbuilt(t);
+    t->stats.bytes = live->base + atomic_load(&live->held);
+    if (!complete)
+        return;
+    mem_free(t->unbuilt_index);
+    t->unbuilt_index = NULL;
+    t->stats = live->built->stats;
 }

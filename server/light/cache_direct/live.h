@@ -1,10 +1,10 @@
 /* A cache of direct light that lights frames while it is being built. The builder's thread computes the blocks, first
  * coarsely and then finely; the frame's thread shades with the blocks built so far. Other techniques light the missing
- * blocks (transport_unbuilt), and a new block fades in over TRANSPORT_FADE frames.
+ * blocks (transport_unbuilt).
  *
  * The builder hands a block over in a slot by one atomic exchange. The frame's thread collects the slots at the start
- * of a frame (transport_live_advance) and frees the blocks that they replace. Once all blocks are built and faded in,
- * the cache equals that of transport_create to the bit. */
+ * of a frame (transport_live_advance) and frees the blocks that they replace. Once all blocks are built, the cache
+ * equals that of transport_create to the bit. */
 #pragma once
 
 #include "light/cache/memory.h"
@@ -54,9 +54,6 @@ struct transport *transport_live_cache(struct transport_live *live);
 
 /* Takes over newly built blocks. Call it before each frame. */
 void transport_live_advance(struct transport_live *live);
-
-/* As transport_live_advance, without fading, for callers that waited for the finished cache. */
-void transport_live_settle(struct transport_live *live);
 
 /* Whether a builder that may use `most` bytes waits for frames: more are held, but frames will free enough. newest:
  * what is held without what has been replaced. */

@@ -19,7 +19,6 @@ void transport_destroy(struct transport *t)
     }
     mem_free(t->bytes);
     mem_free(t->blocks);
-    mem_free(t->fades);
     mem_free(t->unbuilt_index);
     mem_free(t->narrow_index);
     mem_free(t->sun_values);
@@ -46,7 +45,7 @@ static size_t place_of(const struct transport_piece *q, const struct transport_b
  * time. */
 void transport_gather(struct transport *t)
 {
-    if (!t->fades && !t->bytes)
+    if (!t->unbuilt_index && !t->bytes)
         transport_gather_again(t);
 }
 
@@ -98,7 +97,7 @@ const uint8_t *transport_work(const struct transport *t)
 
 bool transport_is_settled(const struct transport *t)
 {
-    return !t->fades;
+    return !t->unbuilt_index;
 }
 
 /* ---- A frame ---- */
@@ -124,39 +123,6 @@ static void clear_padding(const struct transport *t, const struct transport_bloc
         for (uint32_t l = t->gbuffer->packets[b->first + k].count; l < PACKET; l++)
             for (uint32_t c = 0; c < 3; c++)
                 lo[(k * 3 + c) * PACKET + l] = 0.0f;
-}
-
-static void mix(const struct transport_block *b, const float *old, float weight, float *lo)
-{
-    for (size_t i = 0; i < (size_t)b->packets * 3 * PACKET; i++)
-        lo[i] = old[i] + weight * (lo[i] - old[i]);
-}
-
-/* Shades a block that fades in over its previous version, or over the light in lo. */
-static uint32_t shade_fading(const struct transport *t, const struct transport_look *look, uint32_t k, float *lo,
-                             uint64_t *rays)
-{
-    const struct transport_block *b = &t->blocks[k];
-    const struct transport_fade *f = &t->fades[k];
-    const struct shade_packet *packets = &t->gbuffer->packets[b->first];
-    const float weight = (float)f->weight / TRANSPORT_FADE;
-    _Alignas(64) float old[TRANSPORT_PACKETS * 3 * PACKET];
-
-    if (f->weight == 0)
-        return 0;
-    if (f->from_cells)
-        t->kernels->cells(&f->old, packets, &t->sky, NULL, old);
-    else
-        memcpy(old, lo, (size_t)b->packets * 3 * PACKET * sizeof(float));
-    t->kernels->cells(b, packets, &t->sky, NULL, lo);
-    if (f->from_cells)
-        mix(b, old, weight, lo);
-    add_gazes(t, look, b, lo);
-    const uint32_t penumbra = add_sun(t, b, lo, rays);
-    clear_padding(t, b, lo);
-    if (!f->from_cells)
-        mix(b, old, weight, lo);
-    return penumbra;
 }
 
 /* Computes the cells' means and the data of indirect light at the same time: waking the threads twice would cost a
@@ -193,7 +159,7 @@ enum err transport_take_sky(struct transport *t, const struct environment *e, co
 /* Splits the frame's sky and draws samples of its sun. */
 static enum err take_sky(struct transport *t, const struct environment *e, const struct transport_frame *frame)
 {
-    assert(frame->samples >= 1 && !(frame->indirect && t->fades));
+    assert(frame->samples >= 1);
     const enum err result = frame->sky_taken ? ERR_OK : transport_take_sky(t, e, frame);
     return result ? result : transport_sun_draw(t, e, frame);
 }
@@ -255,6 +221,22 @@ static bool wants(const void *context, uint32_t packet)
            (f->narrow == TRANSPORT_NARROW_ALL && is_listed(&w->transport->narrow, packet));
 }
 
+/* Adds it to lo, where other techniques have lit a block that is not built. */
+static void add_indirect(const struct transport *t, const struct transport_frame *frame,
+                         const struct transport_block *b, float *lo)
+{
+    _Alignas(64) float indirect[TRANSPORT_PACKETS * 3 * PACKET];
+    struct transport_rows rows;
+
+    if (!frame->indirect)
+        return;
+    frame->indirect->rows(frame->indirect->self, b->first, &rows);
+    t->kernels->cells(b, &t->gbuffer->packets[b->first], &t->sky, &rows, indirect);
+    clear_padding(t, b, indirect);
+    for (size_t i = 0; i < (size_t)b->packets * 3 * PACKET; i++)
+        lo[i] += indirect[i];
+}
+
 /* A block's light from cells and gazes. */
 static void light_cells(const struct transport *t, const struct transport_look *look,
                         const struct transport_frame *frame, const struct transport_block *b, float *lo)
@@ -311,8 +293,10 @@ static uint32_t shade_block(const struct shading *s, uint32_t k, float *lo, uint
                    work = s->keeps ? transport_last_work(t, k) : all;
 
     memset(t->work + b->first, (int)(work & all), b->packets);
-    if (t->fades && t->fades[k].weight < TRANSPORT_FADE)
-        return shade_fading(t, &s->look, k, lo, rays);
+    if (t->unbuilt_index && !b->built) {
+        add_indirect(t, s->frame, b, lo);
+        return 0;
+    }
     if (s->keeps)
         return shade_changes(t, &s->look, s->frame, k, work, lo, rays);
     light_cells(t, &s->look, s->frame, b, lo);
@@ -324,7 +308,7 @@ static uint32_t shade_block(const struct shading *s, uint32_t k, float *lo, uint
 /* Whether a frame can take over parts of the last one: all of the image, by a cache that is built. */
 static bool is_kept(const struct transport *t, const struct transport_frame *f)
 {
-    return !t->fades && f->end == 0 && f->narrow == TRANSPORT_NARROW_OWN;
+    return !t->unbuilt_index && f->end == 0 && f->narrow == TRANSPORT_NARROW_OWN;
 }
 
 static void count_work(const struct transport *t, struct transport_frame_stats *stats)

@@ -79,8 +79,7 @@ struct transport_frame {
     uint64_t seed, pass;       /* choose the samples of the sun */
     const atomic_bool *cancel; /* NULL, or a flag that ends the frame early */
     bool unsplit;              /* no sun: cells only, linear in the map up to rounding */
-    /* Indirect light of the same cache (indirect_of_frame), added before colours multiply; NULL: none. Only once
-     * transport_is_settled. */
+    /* Indirect light of the same cache (indirect_of_frame), added before colours multiply; NULL: none. */
     const struct transport_indirect *indirect;
     /* A part of the frame: the blocks that begin with packets first .. end - 1; other places in lo are unchanged. end
      * 0: all of it, of which what has not changed may be taken over from the last such frame, with the same bits. */
@@ -163,13 +162,13 @@ MUST_CHECK enum err transport_unpack_sky(struct transport *t, const uint8_t *byt
 /* Valid as long as t. */
 const struct transport_stats *transport_stats(const struct transport *t);
 
-/* True once all blocks are built and faded in. */
+/* True once all blocks are built. */
 bool transport_is_settled(const struct transport *t);
 
 /* Packets with lobes narrower than a cell, ascending. Valid as long as t. */
 const struct packet_list *transport_narrow(const struct transport *t);
 
-/* Packets whose block is missing or fading in, in a cache that is being built (light/cache_direct/live.h); otherwise
+/* Packets whose block is missing in a cache that is being built (light/cache_direct/live.h); otherwise
  * empty. Valid until the next transport_live_advance. */
 const struct packet_list *transport_unbuilt(const struct transport *t);
 

@@ -1,7 +1,5 @@
 #include "light/cache_indirect/indirect.h"
 
-#include "base/cancel.h"
-#include "base/denormals.h"
 #include "base/mem.h"
 #include "light/cache_indirect/internal.h"
 
@@ -111,42 +109,4 @@ void indirect_set_indirect(struct indirect_cache *b)
 const struct transport_indirect *indirect_of_frame(const struct indirect_cache *b)
 {
     return &b->indirect;
-}
-
-/* Adds a block's light, times a weight, to lo. */
-static void add_block(const struct indirect_cache *b, const struct indirect_block *block, float weight, float *lo)
-{
-    const struct transport_block dark = { .packets = block->packets, .kind = b->gbuffer->packets[block->first].kind };
-    _Alignas(64) float more[TRANSPORT_PACKETS * 3 * PACKET];
-    struct transport_rows rows;
-
-    indirect_rows(b, block->first, &rows);
-    transport_kernels_of(b->kernels)->cells(&dark, &b->gbuffer->packets[block->first], NULL, &rows, more);
-    for (uint32_t k = 0; k < block->packets; k++)
-        for (uint32_t i = 0; i < 3 * PACKET; i++)
-            if (i % PACKET < b->gbuffer->packets[block->first + k].count)
-                lo[((size_t)block->first + k) * 3 * PACKET + i] += weight * more[k * 3 * PACKET + i];
-}
-
-void indirect_shade_part(struct indirect_cache *b, const struct environment *e, float weight, const atomic_bool *cancel,
-                         float *lo)
-{
-    environment_complete_pyramid(e);
-#pragma omp parallel
-    {
-        const unsigned before = denormals_flush();
-#pragma omp for schedule(dynamic, 1)
-        for (uint32_t k = 0; k < INDIRECT_SKY_PARTS; k++)
-            take_sky(b, e, k);
-#pragma omp single
-        sky_taken(b);
-#pragma omp for schedule(dynamic, 4)
-        for (uint32_t k = 0; k < b->group_count; k++)
-            prepare_group(b, k, NULL, NULL);
-#pragma omp for schedule(dynamic, 16)
-        for (uint32_t k = 0; k < b->block_count; k++)
-            if (!is_cancelled(cancel))
-                add_block(b, &b->blocks[k], weight, lo);
-        denormals_restore(before);
-    }
 }

@@ -13,8 +13,8 @@
  * constant over their voxel, and static gather noise that is smoothed over a group of blocks.
  * docs/internals/transport-cache.md has figures.
  *
- * One struct indirect_cache per thread of control. indirect_create and indirect_shade_part run on all OpenMP threads
- * and give the same bits at any number of them. */
+ * One struct indirect_cache per thread of control. indirect_create runs on all OpenMP threads and gives the same bits
+ * at any number of them. */
 #pragma once
 
 #include "base/digest.h"
@@ -84,11 +84,6 @@ MUST_CHECK enum err indirect_keep(struct indirect_cache *b, const struct transpo
 
 /* The value for transport_frame.indirect with the transport that b was built with; valid as long as b. */
 const struct transport_indirect *indirect_of_frame(const struct indirect_cache *b);
-
-/* Adds the indirect light under e, times `weight`, to lo: float[packet_count][3][16], radiance, for use without
- * transport_shade. cancel: NULL, or a flag that ends it early. */
-void indirect_shade_part(struct indirect_cache *b, const struct environment *e, float weight, const atomic_bool *cancel,
-                         float *lo);
 
 /* Valid as long as b. */
 const struct indirect_stats *indirect_stats(const struct indirect_cache *b);

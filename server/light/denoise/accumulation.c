@@ -7,8 +7,7 @@
 
 #define GROUP 128 /* packets, side by side in the image for the most part, that share w */
 #define FLOATS ((size_t)3 * PACKET)
-#define SOFT 1e-2    /* of relMSE */
-#define STEADY 0.25f /* of the way to what is known under a still sky, in an image */
+#define SOFT 1e-2 /* of relMSE */
 
 struct accumulation {
     struct denoiser *denoiser;
@@ -16,7 +15,7 @@ struct accumulation {
     uint64_t key, turn; /* images since it began */
     bool still;         /* the sky is that of the last image */
     bool shows;         /* `shown` is light with this key */
-    bool leaves;        /* in the glide of accumulation_leave */
+    bool leaves;        /* gives way to the cache's light (accumulation_leave) */
     unsigned steps;     /* of the glide that this image may begin */
     unsigned glide;     /* still to take */
     float *half[2];     /* B, [packets][3][16], as what follows */
@@ -202,7 +201,7 @@ static float way(const struct accumulation *h, float x)
 static float glide_share(const struct accumulation *h)
 {
     if (h->glide <= 1)
-        return (float)h->glide;
+        return 1.0f;
     const float from = way(h, 1.0f - (float)h->glide / (float)h->steps);
     return (way(h, 1.0f - (float)(h->glide - 1) / (float)h->steps) - from) / (1.0f - from);
 }
@@ -219,21 +218,20 @@ void accumulation_glide(struct accumulation *h, float *lo)
     h->glide -= h->glide > 0;
 }
 
-unsigned accumulation_leave(struct accumulation *h, float *lo)
+unsigned accumulation_leave(struct accumulation *h, bool last, float *lo)
 {
-    if (!h->shows)
-        return 0;
-    h->steps = ACCUMULATION_GLIDE;
-    h->glide = h->leaves ? h->glide : h->steps;
-    h->leaves = true;
     memcpy(h->target, lo, h->packets * FLOATS * sizeof(float));
+    if (!h->shows || !h->leaves)
+        h->glide = h->shows ? h->steps = ACCUMULATION_GLIDE : 1;
+    else if (!last && h->glide <= ACCUMULATION_STEADY)
+        h->glide = h->steps = ACCUMULATION_STEADY;
+    h->leaves = h->shows = true;
     accumulation_glide(h, lo);
     return h->glide;
 }
 
 void accumulation_show(struct accumulation *h, const float *const more[2], float *lo)
 {
-    const float step = h->still && h->shows ? STEADY : 1.0f;
     const float *filtered[2];
 
     for (int k = 0; k < 2; k++)
@@ -241,19 +239,11 @@ void accumulation_show(struct accumulation *h, const float *const more[2], float
     if (more)
         add_more(h, more);
     denoiser_filter(h->denoiser, filtered, h->target);
-    h->glide = h->shows ? h->steps : 0;
+    h->glide = h->shows && h->steps > 0 ? h->steps : 1;
     h->shows = true;
     h->leaves = false;
     h->turn++;
-    if (h->glide > 0) {
-        accumulation_glide(h, lo);
-        return;
-    }
-#pragma omp parallel for schedule(static)
-    for (size_t k = 0; k < h->packets * FLOATS; k++) {
-        h->shown[k] = step < 1.0f ? h->shown[k] + step * (h->target[k] - h->shown[k]) : h->target[k];
-        lo[k] = fmaxf(h->shown[k], 0.0f);
-    }
+    accumulation_glide(h, lo);
 }
 
 const float *accumulation_half(const struct accumulation *h, int k)

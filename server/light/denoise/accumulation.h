@@ -25,6 +25,9 @@
  * another without a stop. */
 #define ACCUMULATION_GLIDE 16
 
+/* A quarter of the way, if each image begins such a glide: under a still sky, whose light only becomes more exact. */
+#define ACCUMULATION_STEADY 4
+
 struct accumulation;
 
 /* Needs 51 bytes per shade point and 28 per pixel. g and denoiser, whose halves take the samples, must outlive it.
@@ -37,8 +40,7 @@ void accumulation_destroy(struct accumulation *h); /* NULL is allowed */
  * of another key was displayed before. 0: a glide ends. */
 void accumulation_begin(struct accumulation *h, uint64_t key, unsigned steps);
 
-/* `still`: the sky is the last image's; B is then still correct, and w is n / (n + 1). Unless it glides, the
- * displayed light then moves a quarter of the way to the filter's output. */
+/* `still`: the sky is the last image's; B is then still correct, and w is n / (n + 1). */
 void accumulation_hold(struct accumulation *h, bool still);
 
 /* The steps that are left. */
@@ -49,9 +51,9 @@ unsigned accumulation_glides(const struct accumulation *h);
 void accumulation_glide(struct accumulation *h, float *lo);
 
 /* Instead of accumulation_add and accumulation_show, once the cache makes images of a still sky: what is displayed
- * glides from the history's light to lo, which becomes that. Returns the steps that are left; after the last one lo
- * stays. */
-unsigned accumulation_leave(struct accumulation *h, float *lo);
+ * glides from the history's light to lo, which becomes that. last: the cache is complete; until then the glide does
+ * not end, so that its parts appear without a jump. Returns the steps that are left; after the last one lo stays. */
+unsigned accumulation_leave(struct accumulation *h, bool last, float *lo);
 
 /* The number of images before, for their random numbers. */
 uint64_t accumulation_turn(const struct accumulation *h);

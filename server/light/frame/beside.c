@@ -44,14 +44,14 @@ struct beside {
     float sun[3];                /* and where its sun was */
     /* Of the image: */
     const struct relight_desc *request;
-    const struct relight_desc *grows;  /* the same, if stored paths are to grow; else NULL */
+    const struct relight_desc *grows;     /* the same, if stored paths are to grow; else NULL */
     const struct relight_desc *stored_by; /* the same, if it shows stored paths; else NULL */
-    struct light_tracer_desc light[2]; /* particles 0: none */
-    struct eye_paths_desc unserved;    /* indirect light that the cache leaves to eye paths; paths 0: none */
-    uint64_t wanted;                   /* its key */
-    bool glides;                       /* nothing is sampled */
-    bool still, slow;                  /* its sky is the last one's; its light may glide under that */
-    const atomic_bool *cancel;         /* may be NULL */
+    struct light_tracer_desc light[2];    /* particles 0: none */
+    struct eye_paths_desc unserved;       /* indirect light that the cache leaves to eye paths; paths 0: none */
+    uint64_t wanted;                      /* its key */
+    bool glides;                          /* nothing is sampled */
+    bool still, slow;                     /* its sky is the last one's; its light may glide under that */
+    const atomic_bool *cancel;            /* may be NULL */
 };
 
 struct beside *beside_create(const struct prepared_scene *set, struct denoiser *denoiser)
@@ -119,7 +119,11 @@ static void begin(struct beside *b, bool whole)
     b->shows = b->shows && b->wanted == b->key;
     const bool still = b->still && b->shows;
 
-    accumulation_begin(b->accumulation, b->wanted, !whole ? SLICES : still && b->slow ? ACCUMULATION_GLIDE : 0);
+    accumulation_begin(b->accumulation, b->wanted,
+                       !whole    ? SLICES
+                       : !still  ? 0
+                       : b->slow ? ACCUMULATION_GLIDE
+                                 : ACCUMULATION_STEADY);
     accumulation_hold(b->accumulation, still);
     memset(b->fresh, 0, b->images * b->values * sizeof(float));
     if (!still)

@@ -102,13 +102,14 @@ static void renumber(struct frame_plan *plan, uint64_t turn)
     }
 }
 
-/* Until a cache makes images; of a still sky, until what is displayed has become the cache's light. */
+/* Until a cache makes images; of a still sky, until what is displayed has become the complete cache's light. */
 static enum err add_accumulation(struct relighter *r, const struct relight_desc *desc, bool still,
                                  struct frame_plan *plan)
 {
     const bool cached = frame_plan_has(plan, PASS_CACHED);
+    const bool glides = still && (r->accumulation || !relight_cache_is_settled(&r->cache));
 
-    if (!desc->remember || !(cached ? r->accumulation && still : desc->denoise)) {
+    if (!desc->remember || !(cached ? glides : desc->denoise)) {
         relighter_forget(r);
         return ERR_OK;
     }

@@ -90,17 +90,17 @@ static void tell(const struct relight_cache *c, double ms)
 /* ---- In the background ---- */
 
 /* The builder's progress at this frame. */
-static enum err follow(struct relight_cache *c, bool at_once, struct reason *why)
+static enum err follow(struct relight_cache *c, struct reason *why)
 {
     struct transport_live *live = relight_builder_live(c->builder);
     enum err e = ERR_OK;
 
     const bool done = c->building && relight_builder_is_done(c->builder, &e, &c->indirect, why);
     struct indirect_cache *next = relight_builder_take(c->builder);
-    if (next)
-        relight_indirect_replace(&c->indirect, next, at_once);
-    else
-        relight_indirect_advance(&c->indirect, at_once);
+    if (next) {
+        indirect_destroy(c->indirect.indirect);
+        c->indirect.indirect = next;
+    }
     if (done && c->indirect.refused) {
         relight_indirect_finish(&c->indirect);
         c->indirect.refused = true;
@@ -111,9 +111,7 @@ static enum err follow(struct relight_cache *c, bool at_once, struct reason *why
         c->refused = true; /* too little memory as well */
         return e;
     }
-    if (live && at_once)
-        transport_live_settle(live);
-    else if (live)
+    if (live)
         transport_live_advance(live);
     return ERR_OK;
 }
@@ -125,7 +123,7 @@ static enum err wait_for_builder(struct relight_cache *c, const atomic_bool *can
 
     while (!e && c->building && !(cancel && atomic_load(cancel))) {
         nanosleep(&(struct timespec){ .tv_nsec = 5000000 }, NULL);
-        e = follow(c, true, why);
+        e = follow(c, why);
     }
     return e;
 }
@@ -241,7 +239,7 @@ double relight_cache_follow(struct relight_cache *c)
 {
     struct reason why;
 
-    if (c->builder && follow(c, false, &why))
+    if (c->builder && follow(c, &why))
         log_warning("%s; auto samples the light instead", c->why.text);
     if (c->refused || !c->transport)
         return 0.0;
@@ -280,7 +278,7 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
     const uint32_t samples = desc->direct.samples;
     struct reason why;
 
-    if (c->builder && follow(c, !desc->cache_background, &why))
+    if (c->builder && follow(c, &why))
         log_warning("%s; auto samples the light instead", c->why.text);
     stats->cache_refused = c->refused;
     if (c->refused)
@@ -307,14 +305,10 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
     if (unbuilt->count > 0)
         result =
             sample(direct, set, e, desc, unbuilt, samples < UNBUILT_SAMPLES ? samples : UNBUILT_SAMPLES, lo, stats);
-    const bool bounces = stats->plan.indirect == PLAN_CACHE && c->indirect.indirect;
-    const bool apart = !transport_is_settled(c->transport) || c->indirect.before;
-    if (!result && bounces && !apart)
-        frame.indirect = relight_indirect_take(&c->indirect, e, desc, NULL, stats);
+    if (stats->plan.indirect == PLAN_CACHE && c->indirect.indirect)
+        frame.indirect = relight_indirect_take(&c->indirect, stats);
     if (!result)
         result = transport_shade(c->transport, e, &frame, lo, &stats->cache_frame);
-    if (!result && bounces && apart)
-        relight_indirect_take(&c->indirect, e, desc, lo, stats);
     stats->cache = *transport_stats(c->transport);
     stats->cache_loaded = c->loaded;
     stats->cache_share = c->building ? relight_builder_share(c->builder) : 1.0;
@@ -324,5 +318,5 @@ enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, con
 
 bool relight_cache_is_settled(const struct relight_cache *c)
 {
-    return !c->building && c->transport && transport_is_settled(c->transport) && !c->indirect.before;
+    return !c->building && c->transport && transport_is_settled(c->transport);
 }

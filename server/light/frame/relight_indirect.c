@@ -13,25 +13,7 @@
 void relight_indirect_finish(struct relight_indirect *b)
 {
     indirect_destroy(b->indirect);
-    indirect_destroy(b->before);
     *b = (struct relight_indirect){ .indirect = NULL };
-}
-
-void relight_indirect_replace(struct relight_indirect *b, struct indirect_cache *next, bool at_once)
-{
-    indirect_destroy(b->before);
-    b->before = b->indirect;
-    b->indirect = next;
-    b->weight = 0;
-    relight_indirect_advance(b, at_once);
-}
-
-void relight_indirect_advance(struct relight_indirect *b, bool to_end)
-{
-    if (b->before && !to_end && ++b->weight < RELIGHT_INDIRECT_FADE)
-        return;
-    indirect_destroy(b->before);
-    b->before = NULL;
 }
 
 struct indirect_desc relight_indirect_describe(const struct prepared_scene *set, const struct relight_desc *desc,
@@ -113,19 +95,11 @@ enum err relight_indirect_make(struct relight_indirect *b, const struct transpor
     return e && !b->refused ? err_say(desc->direct.why, e, "%s", why.text) : ERR_OK;
 }
 
-const struct transport_indirect *relight_indirect_take(struct relight_indirect *b, const struct environment *e,
-                                                       const struct relight_desc *desc, float *lo,
-                                                       struct relight_stats *stats)
+const struct transport_indirect *relight_indirect_take(const struct relight_indirect *b, struct relight_stats *stats)
 {
-    const float weight = b->before ? (float)b->weight / RELIGHT_INDIRECT_FADE : 1.0f;
-
-    if (lo)
-        indirect_shade_part(b->indirect, e, weight, desc->direct.cancel, lo);
-    if (lo && b->before)
-        indirect_shade_part(b->before, e, 1.0f - weight, desc->direct.cancel, lo);
     stats->indirect = *indirect_stats(b->indirect);
     stats->indirect_loaded = b->loaded;
     stats->bias = "cached: a sky of 1536 cells, compressed; penumbrae that few rays miss; indirect light by records "
                   "that are even within, of a sky of 1536 overlapping cells with its sun";
-    return lo ? NULL : indirect_of_frame(b->indirect);
+    return indirect_of_frame(b->indirect);
 }

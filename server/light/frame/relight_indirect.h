@@ -7,24 +7,14 @@
 #include "light/frame/relight.h"
 #include "light/frame/relight_keep.h"
 
-#define RELIGHT_INDIRECT_FADE 8 /* frames over which a new cache fades in */
-
 struct relight_indirect { /* zero it first */
     struct indirect_cache *indirect;
-    struct indirect_cache *before; /* the quick cache while it fades out; NULL: none */
-    uint32_t weight;               /* of `indirect` during the fade, in units of 1 / RELIGHT_INDIRECT_FADE */
-    bool loaded;                   /* from a file */
-    bool refused;                  /* it exceeds the memory limit, which is logged; eye paths replace it */
+    bool loaded;  /* from a file */
+    bool refused; /* it exceeds the memory limit, which is logged; eye paths replace it */
 };
 
 /* Frees it and leaves it zeroed. */
 void relight_indirect_finish(struct relight_indirect *b);
-
-/* Takes over a cache; the previous one fades out over the next frames, or at once. */
-void relight_indirect_replace(struct relight_indirect *b, struct indirect_cache *next, bool at_once);
-
-/* Advances the fade by one frame, or to its end. */
-void relight_indirect_advance(struct relight_indirect *b, bool to_end);
 
 /* The cache description for a request, with the blocks of `direct`. */
 struct indirect_desc relight_indirect_describe(const struct prepared_scene *set, const struct relight_desc *desc,
@@ -41,8 +31,5 @@ MUST_CHECK enum err relight_indirect_make(struct relight_indirect *b, const stru
                                           const struct relight_desc *desc, struct relight_keep *keep, bool progress,
                                           double *ms);
 
-/* The argument of transport_frame, borrowed. With lo, which a fade requires, adds the light there instead and returns
- * NULL. Fills stats->bounce and bias. */
-const struct transport_indirect *relight_indirect_take(struct relight_indirect *b, const struct environment *e,
-                                                       const struct relight_desc *desc, float *lo,
-                                                       struct relight_stats *stats);
+/* The argument of transport_frame, borrowed. Fills stats->indirect and bias. */
+const struct transport_indirect *relight_indirect_take(const struct relight_indirect *b, struct relight_stats *stats);

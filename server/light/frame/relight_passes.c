@@ -231,8 +231,10 @@ static enum err run_accumulate(struct frame_run *f, struct pass *s)
 
 static enum err run_leave(struct frame_run *f, struct pass *s)
 {
+    const bool last = relight_cache_is_settled(&f->r->cache);
     (void)s;
-    if (!is_cancelled(f->plan->cancel) && accumulation_leave(f->r->accumulation, f->lo) == 0)
+
+    if (!is_cancelled(f->plan->cancel) && accumulation_leave(f->r->accumulation, last, f->lo) == 0 && last)
         relighter_forget(f->r);
     return ERR_OK;
 }

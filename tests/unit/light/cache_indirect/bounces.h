@@ -20,12 +20,12 @@ static inline struct transport *direct_of(const struct lit *x)
 static inline struct indirect_desc desc_of(const struct lit *x, const struct transport *t, uint64_t seed)
 {
     return (struct indirect_desc){ .scene = x->scene,
-                                 .rays = x->rays,
-                                 .gbuffer = x->gbuffer,
-                                 .direct = t,
-                                 .eye = x->scene->cameras[0].position,
-                                 .records = 1500,
-                                 .seed = seed };
+                                   .rays = x->rays,
+                                   .gbuffer = x->gbuffer,
+                                   .direct = t,
+                                   .eye = x->scene->cameras[0].position,
+                                   .records = 1500,
+                                   .seed = seed };
 }
 
 static inline struct indirect_cache *indirect_of(const struct lit *x, const struct transport *t, uint64_t seed)
@@ -42,5 +42,5 @@ static inline struct indirect_cache *indirect_of(const struct lit *x, const stru
 static inline void shade_indirect(struct indirect_cache *b, struct lit *x, const struct environment *e)
 {
     clear(x);
-    indirect_shade_part(b, e, 1.0f, NULL, x->lo);
+    add_indirect_alone(indirect_of_frame(b), x->gbuffer, e, x->lo);
 }

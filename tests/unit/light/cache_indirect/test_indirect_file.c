@@ -105,7 +105,7 @@ static void loaded_and_computed_give_the_same_bits(void **state)
     assert_int_equal(indirect_left(s.made)->count, indirect_left(loaded)->count);
     for (int k = 0; k < 2; k++) {
         lo[k] = mem_alloc(floats, sizeof(float));
-        indirect_shade_part(k ? loaded : s.made, e, 1.0f, NULL, lo[k]);
+        add_indirect_alone(indirect_of_frame(k ? loaded : s.made), s.set->gbuffer, e, lo[k]);
     }
     assert_memory_equal(lo[0], lo[1], floats * sizeof(float));
     for (size_t i = 0; i < floats; i++)
@@ -261,7 +261,7 @@ static void forged_files_that_are_taken_do_no_harm(void **state)
         forge(&s, at, &byte, 1);
         if (load_with(&s, &s.key, 0, &b, &why))
             continue;
-        indirect_shade_part(b, e, 1.0f, NULL, lo);
+        add_indirect_alone(indirect_of_frame(b), s.set->gbuffer, e, lo);
         for (size_t i = 0; i < floats; i++)
             assert_true(isfinite(lo[i]));
         indirect_destroy(b);

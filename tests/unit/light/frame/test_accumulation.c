@@ -98,7 +98,7 @@ static void light_without_a_cache_glides(void **state)
 
 static void show_halves(struct rig *r, bool still, float a, float b)
 {
-    accumulation_begin(r->accumulation, 1, 0);
+    accumulation_begin(r->accumulation, 1, still ? ACCUMULATION_STEADY : 0);
     accumulation_hold(r->accumulation, still);
     for (size_t i = 0; i < r->floats; i++) {
         denoiser_half(r->denoiser, 0)[i] = a;
@@ -142,7 +142,7 @@ static void noise_becomes_the_plain_mean(void **state)
     assert_float_equal(shown(&r), 4.0, 0.05);
     image(&r, 5.0f, 3.0f); /* D = 0: (2 * 4 + 4) / 3 */
     assert_float_equal(shown(&r), 4.0, 0.05);
-    image(&r, 8.0f, 3.0f); /* D = 1.5^2 < V = 2.5^2: n / (n + 1) = 3 / 4 */
+    image(&r, 8.0f, 3.0f);                               /* D = 1.5^2 < V = 2.5^2: n / (n + 1) = 3 / 4 */
     assert_float_equal(shown(&r), 4.0 + 1.5 / 4.0, 0.1); /* the nearest wrong weight, 2 / 3, gives 4.5 */
     image(&r, 8.5f, 6.5f); /* 3.125 more, V = 1: 1 - 1 / 3.125^2 of it for all, then n / (n + 1) = 4 / 5 */
     assert_float_equal(shown(&r), 7.5 - 0.32 * 0.8, 0.15); /* the mean of all samples is 4.4 */
@@ -192,7 +192,7 @@ static void the_cache_takes_over_without_a_jump(void **state)
         accumulation_begin(r.accumulation, 1, ACCUMULATION_GLIDE);
         for (size_t i = 0; i < r.floats; i++)
             r.lo[i] = 2.0f;
-        assert_int_equal(accumulation_leave(r.accumulation, r.lo), left);
+        assert_int_equal(accumulation_leave(r.accumulation, true, r.lo), left);
         was[2] = shown(&r);
         assert_true(fabsf(was[2] - 2.0f * was[1] + was[0]) < 6.0f / (ACCUMULATION_GLIDE * ACCUMULATION_GLIDE) + 1e-4f);
     }
@@ -200,7 +200,30 @@ static void the_cache_takes_over_without_a_jump(void **state)
         assert_true(r.lo[k] == 2.0f);
     accumulation_begin(r.accumulation, 2, ACCUMULATION_GLIDE); /* other light is not left slowly */
     r.lo[0] = 5.0f;
-    assert_true(accumulation_leave(r.accumulation, r.lo) == 0 && r.lo[0] == 5.0f);
+    assert_true(accumulation_leave(r.accumulation, true, r.lo) == 0 && r.lo[0] == 5.0f);
+    rig_finish(&r);
+}
+
+/* Until the cache is complete the glide does not end, so that a part of it, from 2 to 3, goes a quarter of its way in
+ * an image. */
+static void parts_of_the_cache_appear_without_a_jump(void **state)
+{
+    struct rig r = rig_make();
+    double want = 2.0;
+    (void)state;
+
+    image(&r, 1.0f, 1.0f);
+    for (int k = 0; k < 100; k++) {
+        accumulation_begin(r.accumulation, 1, ACCUMULATION_GLIDE);
+        for (size_t i = 0; i < r.floats; i++)
+            r.lo[i] = k < 60 ? 2.0f : 3.0f;
+        assert_int_equal(accumulation_leave(r.accumulation, k > 90, r.lo) > 0, k < 93);
+        want += k < 60 ? 0.0 : 0.25 * (3.0 - want);
+        if (k >= 50 && k < 90)
+            assert_float_equal(shown(&r), want, 1e-3);
+    }
+    for (size_t k = 0; k < r.floats; k++)
+        assert_true(r.lo[k] == 3.0f);
     rig_finish(&r);
 }
 
@@ -295,7 +318,7 @@ static void a_history_ends_with_the_finished_cache(void **state)
     first.direct.method = METHOD_AUTO;
     first.denoise = true;
     assert_int_equal(stage_run(&s, &first, &stats), ERR_OK);
-    for (int complete = 0; complete < RELIGHT_INDIRECT_FADE + ACCUMULATION_GLIDE;) {
+    for (int complete = 0; complete < 2 * ACCUMULATION_GLIDE;) {
         assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
         complete += stats.cache_share == 1.0;
         nanosleep(&(struct timespec){ .tv_nsec = 100000000 }, NULL); /* leaves the processor to the cache */
@@ -340,6 +363,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(samples_under_a_still_sky_do_not_flicker),
     cmocka_unit_test(noise_becomes_the_plain_mean),
     cmocka_unit_test(the_cache_takes_over_without_a_jump),
+    cmocka_unit_test(parts_of_the_cache_appear_without_a_jump),
     cmocka_unit_test(another_key_forgets_all),
     cmocka_unit_test(images_of_a_still_sky_converge),
     cmocka_unit_test(images_with_a_ground_converge),

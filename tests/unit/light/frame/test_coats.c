@@ -154,7 +154,7 @@ static void assert_caches_agree(struct material floor)
     const double got = mean_of_pixels(&x);
     assert_int_equal(indirect_create(&desc, best_kernels(), &b, &why), ERR_OK);
     clear(&x);
-    indirect_shade_part(b, e, 1.0f, NULL, x.lo);
+    add_indirect_alone(indirect_of_frame(b), x.gbuffer, e, x.lo);
     const double got_later = mean_of_pixels(&x);
     printf("transport %.5f, want %.5f; bounce %.5f, want %.5f\n", got, want, got_later, want_later);
     assert_true(fabs(got / want - 1.0) < 0.02);

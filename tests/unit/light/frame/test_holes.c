@@ -128,11 +128,11 @@ static void caches_in_a_shell_with_holes(void **state)
     struct environment *e = sky_environment(sky_constant(16, 8, 1.0f), 32, 0.0);
     struct transport *t = transport_of(x.gbuffer, x.rays, &(struct transport_desc){ .per_cell = 1 });
     const struct indirect_desc desc = { .scene = x.scene,
-                                      .rays = x.rays,
-                                      .gbuffer = x.gbuffer,
-                                      .direct = t,
-                                      .eye = x.scene->cameras[0].position,
-                                      .records = 1500 };
+                                        .rays = x.rays,
+                                        .gbuffer = x.gbuffer,
+                                        .direct = t,
+                                        .eye = x.scene->cameras[0].position,
+                                        .records = 1500 };
     struct transport_frame_stats stats;
     struct indirect_cache *b;
     struct reason why;
@@ -142,7 +142,7 @@ static void caches_in_a_shell_with_holes(void **state)
     const double direct = mean_of_points(&x);
     assert_int_equal(indirect_create(&desc, best_kernels(), &b, &why), ERR_OK);
     clear(&x);
-    indirect_shade_part(b, e, 1.0f, NULL, x.lo);
+    add_indirect_alone(indirect_of_frame(b), x.gbuffer, e, x.lo);
     const double indirect = mean_of_points(&x);
     printf("transport %.5f, want %.5f; bounce %.5f, want %.5f\n", direct, at_once(), indirect, by_way_of_others());
     assert_true(fabs(direct / at_once() - 1.0) < 5e-3);
