@@ -2,6 +2,7 @@
 
 #include "base/scratch.h"
 #include "image/codec/colour.h"
+#include "image/codec/exr_dwa.h"
 #include "image/codec/exr_file.h"
 #include "image/codec/exr_policy.h"
 
@@ -117,11 +118,6 @@ enum err exr_file_say(struct exr_file *x, exr_result_t r, const char *where)
 
     return err_say(x->why, r == EXR_ERR_OUT_OF_MEMORY || refused ? ERR_NOMEM : ERR_FORMAT, "%s: %s: %s", x->name, where,
                    text);
-}
-
-bool exr_file_is_dwa(const struct exr_file *x)
-{
-    return x->compression == EXR_COMPRESSION_DWAA || x->compression == EXR_COMPRESSION_DWAB;
 }
 
 bool exr_file_plausible(const struct exr_file *x, uint64_t packed, uint64_t unpacked)
@@ -374,6 +370,31 @@ static enum err read_header(struct exr_file *x)
     return e;
 }
 
+static bool is_dwa(const struct exr_file *x)
+{
+    return x->compression == EXR_COMPRESSION_DWAA || x->compression == EXR_COMPRESSION_DWAB;
+}
+
+static enum err read_dwa(struct exr_file *x, struct image *im)
+{
+    struct exr_dwa d = { x->bytes, x->size, x->part, { NULL }, x->left, x->top, x->width, x->height };
+    const exr_attr_chlist_t *list = NULL;
+    char fault[128] = "";
+    const exr_result_t r = exr_get_channels(x->context, x->part, &list);
+
+    if (r != EXR_ERR_SUCCESS)
+        return exr_file_say(x, r, "header");
+    for (int i = 0; i < 3; i++)
+        d.channels[i] = list->entries[x->source[i].channel].name.str;
+    const enum exr_dwa_result result = exr_dwa_read(&d, im->rgb, fault);
+    if (result == EXR_DWA_OK) {
+        image_sanitise_texels(im->rgb, (size_t)im->width * im->height, x->converts ? x->to_rec709 : NULL, &im->faults);
+        return ERR_OK;
+    }
+    decode_printable(fault, strlen(fault), x->library_fault.text, sizeof(x->library_fault.text));
+    return exr_file_say(x, result == EXR_DWA_NO_MEMORY ? EXR_ERR_OUT_OF_MEMORY : EXR_ERR_CORRUPT_CHUNK, "DWA");
+}
+
 enum err decode_exr(const uint8_t *bytes, size_t size, const char *name, struct image *im, struct reason *why)
 {
     struct exr_file x = { .bytes = bytes, .size = size, .name = name, .into = im, .why = why };
@@ -392,7 +413,7 @@ enum err decode_exr(const uint8_t *bytes, size_t size, const char *name, struct 
         goto done;
     }
     im->layout = x.layout;
-    e = exr_chunks_read(&x, im);
+    e = is_dwa(&x) ? read_dwa(&x, im) : exr_chunks_read(&x, im);
 done:
     if (x.context)
         exr_finish(&x.context);

@@ -1,7 +1,6 @@
 #include "image/codec/exr_file.h"
 
 #include "base/half.h"
-#include "image/codec/dwa/dwa.h"
 #include "image/codec/exr_zip.h"
 
 #include <inttypes.h>
@@ -19,7 +18,6 @@ struct reader {
     exr_decode_pipeline_t pipe;
     bool ready;
     exr_result_t (*decompress)(exr_decode_pipeline_t *); /* NULL: uncompressed */
-    struct dwa dwa;
     struct exr_zip zip;
 };
 
@@ -59,19 +57,7 @@ static void spread_chunk(const struct reader *r, const struct place *p)
     }
 }
 
-/* unpack_dwa and unpack_zip replace the library's decompressors. */
-static exr_result_t unpack_dwa(exr_decode_pipeline_t *pipe)
-{
-    struct reader *r = pipe->decoding_user_data;
-    const char *fault =
-        dwa_unpack(&r->dwa, pipe->channels, pipe->channel_count, (uint32_t)pipe->chunk.width,
-                   (uint32_t)pipe->chunk.height, pipe->packed_buffer, pipe->chunk.packed_size, pipe->unpacked_buffer);
-    if (!fault)
-        return EXR_ERR_SUCCESS;
-    (void)err_say(&r->x->library_fault, ERR_FORMAT, "DWA: %s", fault);
-    return fault == dwa_no_memory ? EXR_ERR_OUT_OF_MEMORY : EXR_ERR_CORRUPT_CHUNK;
-}
-
+/* Replaces the library's decompressor. */
 static exr_result_t unpack_zip(exr_decode_pipeline_t *pipe)
 {
     struct reader *r = pipe->decoding_user_data;
@@ -81,16 +67,6 @@ static exr_result_t unpack_zip(exr_decode_pipeline_t *pipe)
         return EXR_ERR_SUCCESS;
     (void)err_say(&r->x->library_fault, ERR_FORMAT, "ZIP: %s", fault);
     return fault == exr_zip_no_memory ? EXR_ERR_OUT_OF_MEMORY : EXR_ERR_CORRUPT_CHUNK;
-}
-
-/* The library's decompressor or its replacement; NULL if the file is uncompressed. */
-static exr_result_t (*decompressor(const struct exr_file *x, exr_decode_pipeline_t *pipe))(exr_decode_pipeline_t *)
-{
-    if (exr_file_is_dwa(x))
-        return unpack_dwa;
-    if (x->compression == EXR_COMPRESSION_ZIP || x->compression == EXR_COMPRESSION_ZIPS)
-        return unpack_zip;
-    return pipe->decompress_fn;
 }
 
 static exr_result_t unpack(struct reader *r, const exr_chunk_info_t *chunk)
@@ -108,7 +84,8 @@ static exr_result_t unpack(struct reader *r, const exr_chunk_info_t *chunk)
             e = exr_decoding_choose_default_routines(x->context, x->part, pipe);
         pipe->unpack_and_convert_fn = NULL;
         pipe->decoding_user_data = r;
-        r->decompress = decompressor(x, pipe);
+        const bool zip = x->compression == EXR_COMPRESSION_ZIP || x->compression == EXR_COMPRESSION_ZIPS;
+        r->decompress = zip ? unpack_zip : pipe->decompress_fn; /* NULL if the file is uncompressed */
         r->ready = e == EXR_ERR_SUCCESS;
     }
     if (e != EXR_ERR_SUCCESS)
@@ -117,8 +94,7 @@ static exr_result_t unpack(struct reader *r, const exr_chunk_info_t *chunk)
     pipe->decompress_fn = chunk->packed_size == chunk->unpacked_size ? NULL : r->decompress;
     e = exr_decoding_run(x->context, x->part, pipe);
     /* The library's decompressors report truncated input as out of memory. */
-    if (e == EXR_ERR_OUT_OF_MEMORY && r->decompress != unpack_dwa && r->decompress != unpack_zip &&
-        pipe->packed_buffer && pipe->unpacked_buffer)
+    if (e == EXR_ERR_OUT_OF_MEMORY && r->decompress != unpack_zip && pipe->packed_buffer && pipe->unpacked_buffer)
         e = EXR_ERR_CORRUPT_CHUNK;
     return e;
 }
@@ -219,7 +195,6 @@ enum err exr_chunks_read(struct exr_file *x, struct image *im)
     x->library_fault.text[0] = '\0';
     const enum err e = x->tiled ? read_tiles(&r) : read_scanlines(&r);
     exr_decoding_destroy(x->context, &r.pipe);
-    dwa_finish(&r.dwa);
     exr_zip_finish(&r.zip);
     return e;
 }

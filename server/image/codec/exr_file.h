@@ -47,8 +47,6 @@ struct exr_file {
  * error code. */
 enum err exr_file_say(struct exr_file *x, exr_result_t r, const char *where);
 
-bool exr_file_is_dwa(const struct exr_file *x); /* compressed with DWAA or DWAB */
-
 /* Whether `packed` bytes can encode `unpacked` bytes in the file's compression. */
 bool exr_file_plausible(const struct exr_file *x, uint64_t packed, uint64_t unpacked);
 

@@ -1,4 +1,4 @@
-// The only C++ of this project: no exception and no type of the library leaves this file.
+// C++ as image/codec/exr_dwa.cpp: no exception and no type of the library leaves this file.
 #include "import/formats/draco_mesh.h"
 
 #include <draco/compression/decode.h>
