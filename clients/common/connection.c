@@ -11,6 +11,7 @@
 #include <assert.h>
 #include <libwebsockets.h>
 #include <netdb.h>
+#include <netinet/tcp.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -176,6 +177,7 @@ static int write_fragment(struct connection *c)
     c->sending = count < left;
     if (lws_write(c->wsi, c->staging + LWS_PRE, count, (enum lws_write_protocol)flags) < 0)
         return -1;
+    lws_validity_confirmed(c->wsi); /* bytes were taken; the answer to a ping behind them may come late */
     if (!c->sending && c->desc.hooks.sent)
         c->desc.hooks.sent(c->desc.user);
     return 0;
@@ -394,7 +396,7 @@ static void on_no_socket(struct connection *c)
     on_no_connection(c, text.text);
 }
 
-/* A server that has gone without a word is noticed after 25 s. */
+/* A server that says nothing and takes no bytes is given up after 25 s; few may wait, or a slow line would be. */
 static const lws_retry_bo_t validity = { .secs_since_valid_ping = 10, .secs_since_valid_hangup = 25 };
 
 static void dial(lws_sorted_usec_list_t *retry)
@@ -475,6 +477,7 @@ static int callback(struct lws *wsi, enum lws_callback_reasons reason, void *use
         c->wsi = wsi;
         return lws_hdr_total_length(wsi, WSI_TOKEN_PROTOCOL) > 0 ? 0 : -1;
     case LWS_CALLBACK_CLIENT_ESTABLISHED:
+        setsockopt(lws_get_socket_fd(wsi), IPPROTO_TCP, TCP_NOTSENT_LOWAT, &(int){ 2 * CHUNK }, sizeof(int));
         move_to(c, STATE_OPEN);
         say_hello(c);
         break;

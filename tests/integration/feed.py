@@ -200,6 +200,35 @@ async def credit_is_never_exceeded(folder):
     check(program.summary()["superseded"] == 2 and program.summary()["used"] == 2, program.out)
 
 
+async def a_frame_goes_up_over_a_slow_line(folder):
+    """Behind what the line holds an answer to a ping takes longer than a server may be silent (25 s)."""
+    pattern = sky_files(folder, 2, pad=6 << 20)
+
+    async with Server(obliging) as server:
+        async def line(reader, writer):
+            near, far = await asyncio.open_connection("127.0.0.1", server.port)
+
+            async def down():
+                while data := await near.read(65536):
+                    writer.write(data)
+                writer.close()
+
+            answers, slow = asyncio.create_task(down()), 140
+            while data := await reader.read(16384):
+                far.write(data)
+                await far.drain()
+                slow -= 1
+                if 0 < slow < 130:
+                    await asyncio.sleep(0.25)
+            far.close()
+            await answers
+
+        async with await asyncio.start_server(line, "127.0.0.1", 0, limit=16384) as relay:
+            port = relay.sockets[0].getsockname()[1]
+            expect(await run("relight-feed", "--to", f"ws://127.0.0.1:{port}", "--retry", "0", pattern), 0, "2 frames used")
+    check(server.connections == 1, "the connection was given up")
+
+
 async def a_rate_spaces_the_frames(folder):
     times = []
     pattern = sky_files(folder, 11)
