@@ -155,40 +155,37 @@ static void grant_later(lws_sorted_usec_list_t *sul)
     producers_send(lws_container_of(sul, struct websocket, grant)->server);
 }
 
-/* Grants the producer the credit that is due, at limited rate. */
-static void grant(struct websocket *ws)
+/* The credit to grant to the producer now, at limited rate. */
+static uint32_t credit_due(struct websocket *ws)
 {
     struct server *s = ws->server;
     const int64_t wait = ws->granted_us + STREAM_GRANT_US - stream_now_us();
-    uint32_t frames;
 
-    if (!ws->sequence && wait > 0) {
-        lws_sul_schedule(s->context, 0, &ws->grant, grant_later, wait);
-        return;
-    }
     if (ws->sequence)
-        frames = ws->credit == 0 && !ws->assembly.under_way && ingest_may_grant(s, ws->sequence) ? 1 : 0;
-    else
-        frames = ingest_returned(s);
-    if (frames == 0)
-        return;
-    ws->granted_us = stream_now_us();
-    ws->credit += frames;
-    websocket_queue(ws, message_credit(frames));
+        return ws->credit == 0 && !ws->assembly.under_way && ingest_may_grant(s, ws->sequence) ? 1 : 0;
+    if (wait <= 0)
+        return ingest_returned(s);
+    lws_sul_schedule(s->context, 0, &ws->grant, grant_later, wait);
+    return 0;
 }
 
 void producers_send(struct server *s)
 {
     struct note notes[INGEST_NOTES];
+    struct websocket *ws = s->producer;
+    /* Before the fates are taken: that of a frame which ends meanwhile must not come after its credit. */
+    const uint32_t frames = ws && !ws->close_code ? credit_due(ws) : 0;
     const unsigned count = ingest_notes(s, notes);
 
     for (unsigned i = 0; i < count; i++) {
         const struct note *n = &notes[i];
-        struct websocket *ws = s->producer;
         /* The fate of a lockstep frame goes to the present producer of that sequence. */
         if (ws && (n->sequence ? n->sequence == ws->sequence : n->producer == ws->id))
             websocket_queue(ws, message_fate(n->number, n->fate, n->picture, &n->fault));
     }
-    if (s->producer && !s->producer->close_code)
-        grant(s->producer);
+    if (frames == 0)
+        return;
+    ws->granted_us = stream_now_us();
+    ws->credit += frames;
+    websocket_queue(ws, message_credit(frames));
 }
