@@ -84,6 +84,12 @@ const WITHOUT = ['AvoidUnnecessaryBeforeUnloadCheckSync', 'DestroyProfileOnBrows
   'GlobalMediaControls', 'HttpsUpgrades', 'LensOverlay', 'MediaRouter', 'OptimizationHints', 'PaintHolding',
   'ThirdPartyStoragePartitioning', 'Translate', 'WebUIOmniboxAimPopup', 'WebUIOmniboxFullPopup', 'WebUIOmniboxPopup', 'SpareRendererForSitePerProcess'];
 
+// Waiting looks at a page twenty times a second. By default it looks at each frame, and so has the browser draw sixty.
+function lookSeldom(page) {
+  const wait = page.waitForFunction.bind(page);
+  page.waitForFunction = (holds, arg, options) => wait(holds, arg, { polling: 50, ...options });
+}
+
 export async function openBrowser() {
   const { chromium } = await import('playwright-core');
   const browser = await chromium.launch({
@@ -98,6 +104,8 @@ export async function openBrowser() {
     browser[kind] = async (options) => {
       const opened = await open(options);
       opened.setDefaultTimeout(HANG_MS);
+      if (kind === 'newPage') lookSeldom(opened);
+      else opened.on('page', lookSeldom);
       return opened;
     };
   }

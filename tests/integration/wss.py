@@ -122,7 +122,7 @@ async def a_name_that_dns_does_not_know_is_told(folder):
 
 async def a_large_frame_goes_up_whole_to_a_slow_reader(folder):
     cert, key = certificate(folder, "good")
-    pattern = sky_files(folder, 2, pad=48 << 20)
+    pattern = sky_files(folder, 2, pad=16 << 20)
     got = []
 
     async def slow(link):
