@@ -125,10 +125,11 @@ the_manual_pages_say_what_help_says() {
         [ ! -s "$work/warnings" ] || { cat "$work/warnings"; fail "roff has something to say of $program"; }
         # Ignore line breaks and capitalised headings.
         MANWIDTH=2000 man -l "$root/usr/share/man/man1/$program.1.gz" | tr -s ' \n' ' ' >"$work/page"
-        local flag words
+        local flag words page
+        page=$(<"$work/page")
         while read -r flag words; do
-            grep -qF -- "${words:0:60}" "$work/page" || fail "$program.1 lacks '$words' of $flag"
-            grep -qE -- " $flag " "$work/page" || fail "$program.1 lacks $flag"
+            [[ $page == *"${words:0:60}"* ]] || fail "$program.1 lacks '$words' of $flag"
+            [[ $page == *" $flag "* ]] || fail "$program.1 lacks $flag"
         done < <("$root/usr/bin/$program" --help all | sed -nE 's/^  (--[a-z0-9-]+)( [^ ]+)?  *(.*)$/\1 \3/p' | tr -s ' ')
         whatis=$(sed -n 's/.* NAME \(.*\) SYNOPSIS .*/\1/p' "$work/page")
         [ "${#whatis}" -lt 160 ] && [[ $whatis == "$program - "* ]] || fail "whatis of $program: $whatis"
@@ -151,7 +152,7 @@ not_completed() {
         offers=$(complete -p "$program" | sed "s/.*-F \([^ ]*\).*/\1/")
         for word; do
             COMP_WORDS=("$program" "$word") COMP_CWORD=1 COMPREPLY=()
-            "$offers" && printf "%s\n" "${COMPREPLY[@]}" | grep -qx -- "$word" || echo "$word"
+            "$offers" && [[ " ${COMPREPLY[*]} " == *" $word "* ]] || echo "$word"
         done' bash "$root/usr/share/bash-completion/completions/$1" "$@"
 }
 
