@@ -102,13 +102,18 @@ def commands(page):
     return [b for b in blocks if any(TYPED.match(text) or SHELL.match(text) for _, text in b)]
 
 
-def furnish(clone):
-    """A folder like a clone whose programs are wrappers, with the files that readers are told to bring."""
+def wrap(clone):
+    """Wrappers of the programs, where a build has them."""
     (clone / "build" / "bin").mkdir(parents=True)
     for name in PROGRAMS + ("../../run",):
         wrapper = clone / "build" / "bin" / name
         wrapper.write_text(WRAPPER)
         wrapper.chmod(wrapper.stat().st_mode | stat.S_IXUSR)
+
+
+def furnish(clone):
+    """A folder like a clone whose programs are wrappers, with the files that readers are told to bring."""
+    wrap(clone)
     for name in ("docs", "deploy", "clients", "tests"):
         (clone / name).symlink_to(ROOT / name)
     (clone / "captures").mkdir()
@@ -234,7 +239,7 @@ async def a_wrong_flag_would_be_seen(folder):
     page.write_text("Try\n\n    relight-render --sample 8 --out x.exr\n")
     script, _ = script_of(commands(page)[0], "page.md")
     clone = folder / "clone"
-    furnish(clone)
+    wrap(clone)
     env = dict(os.environ, PATH=f"{clone}/build/bin:{os.environ['PATH']}", RELIGHT_BIN=str(BIN), PORT="1", SERVE="")
     done = subprocess.run(["bash", "-c", script], cwd=clone, env=env, capture_output=True, text=True, timeout=WAIT_S, check=False)
     check(done.returncode == 2 and "--sample" in done.stderr, f"{done.returncode}: {done.stderr}")
