@@ -60,7 +60,7 @@ static struct cost_facts facts_of(const struct relighter *r, const struct religh
 static bool is_first(const struct decider *d, const struct frame_request *request)
 {
     return d->cache.hurried && !d->cache.ready && !d->cache.refused && request->background && is_measured(request) &&
-           request->light->classes & PATH_INDIRECT_LIT && cache_may_serve(request->light);
+           request->asked->classes & PATH_INDIRECT_LIT && cache_may_serve(request->asked);
 }
 
 static struct relight_desc denoised(const struct decider *d, const struct relight_desc *light)
@@ -74,47 +74,46 @@ static struct relight_desc denoised(const struct decider *d, const struct religh
     return out;
 }
 
-void decide(const struct decider *d, const struct frame_request *request, struct decision *out)
+void decide(const struct decider *d, struct frame_request *request)
 {
-    *out = (struct decision){ .light = *request->light };
-    if (request->light->direct.method != METHOD_AUTO) {
-        out->by = d->cache.ready ? DECIDED_BY_CACHE : DECIDED_BY_REQUEST; /* decider_prepare has named it */
-        out->why = d->cache.ready ? d->cache.last.why : "the method was named";
+    request->light = *request->asked;
+    if (request->asked->direct.method != METHOD_AUTO) {
+        request->by = d->cache.ready ? DECIDED_BY_CACHE : DECIDED_BY_REQUEST; /* decider_prepare has named it */
+        request->why = d->cache.ready ? d->cache.last.why : "the method was named";
     } else if (!is_measured(request)) {
-        out->by = DECIDED_BY_RULE;
-        out->why = "sample counts were given";
-    } else if (d->cache.ready && cache_may_serve(request->light)) {
-        out->by = DECIDED_BY_CACHE;
-        out->why = d->cache.last.why;
-        out->light = by_cache(request->light);
+        request->by = DECIDED_BY_RULE;
+        request->why = "sample counts were given";
+    } else if (d->cache.ready && cache_may_serve(request->asked)) {
+        request->by = DECIDED_BY_CACHE;
+        request->why = d->cache.last.why;
+        request->light = by_cache(request->asked);
         if (d->cache.share < 1.0)
-            out->light.direct.samples = SAMPLES_ROUGH;
-        out->light.cache_background |= request->background;
-        out->light.remember = request->background;
+            request->light.direct.samples = SAMPLES_ROUGH;
+        request->light.cache_background |= request->background;
+        request->light.remember = request->background;
     } else if (is_first(d, request)) {
-        out->by = DECIDED_BY_RULE;
-        out->why = "few samples, denoised, until the cache is ready";
-        out->light = denoised(d, request->light);
+        request->by = DECIDED_BY_RULE;
+        request->why = "few samples, denoised, until the cache is ready";
+        request->light = denoised(d, request->asked);
     } else {
-        out->by = DECIDED_BY_MEASURES;
-        out->why = "a time or error limit was given";
+        request->by = DECIDED_BY_MEASURES;
+        request->why = "a time or error limit was given";
     }
 }
 
 enum err decider_run(struct decider *d, struct relighter *r, const struct environment *e,
-                     const struct frame_request *request, const struct decision *decision, float *rgb,
-                     struct relight_stats *stats, struct pilot_stats *measured)
+                     const struct frame_request *request, float *rgb, struct relight_stats *stats,
+                     struct pilot_stats *measured)
 {
     enum err result;
 
     *measured = (struct pilot_stats){ 0 };
-    if (decision->by != DECIDED_BY_MEASURES) {
-        result = relighter_run(r, e, &decision->light, rgb, stats);
+    if (request->by != DECIDED_BY_MEASURES) {
+        result = relighter_run(r, e, &request->light, rgb, stats);
     } else {
         if (!d->pilot)
             d->pilot = pilot_create(r, NULL);
-        result =
-            d->pilot ? pilot_run(d->pilot, e, &decision->light, &request->target, rgb, stats, measured) : ERR_NOMEM;
+        result = d->pilot ? pilot_run(d->pilot, e, &request->light, &request->target, rgb, stats, measured) : ERR_NOMEM;
     }
     if (!result && d->cache.begun && !d->cache.ready) /* it is computed while images do not use it yet */
         stats->cache_share = d->cache.share;
@@ -194,7 +193,7 @@ static void note_frame(struct decider *d, const struct relight_stats *stats, con
 /* Has the relighter load the cache (if_kept) or compute it. */
 static void get_cache(struct decider *d, struct relighter *r, const struct frame_request *request, bool if_kept)
 {
-    struct relight_desc cached = by_cache(request->light);
+    struct relight_desc cached = by_cache(request->asked);
     struct reason why = { "" };
     double ms;
 
@@ -222,7 +221,7 @@ static double enough_share(const struct decider *d, bool background, bool indire
 
 static void follow_cache(struct decider *d, struct relighter *r, const struct frame_request *request, bool still)
 {
-    const struct relight_desc *light = request->light;
+    const struct relight_desc *light = request->asked;
     const atomic_bool *cancel = light->direct.cancel;
     const double enough = enough_share(d, request->background, facts_of(r, light).indirect, still);
 
@@ -237,7 +236,7 @@ static void follow_cache(struct decider *d, struct relighter *r, const struct fr
 /* By the clock: loads or computes the cache if that pays off. */
 static void ask_for_cache(struct decider *d, struct relighter *r, const struct frame_request *request)
 {
-    struct cost_facts f = facts_of(r, request->light);
+    struct cost_facts f = facts_of(r, request->asked);
 
     f.frames = request->frames_left;
     f.allowed = request->allow_bias;
@@ -264,12 +263,12 @@ static void ask_for_cache(struct decider *d, struct relighter *r, const struct f
 
 void decider_begin(struct decider *d, struct relighter *r, const struct frame_request *request)
 {
-    struct cost_facts f = facts_of(r, request->light);
+    struct cost_facts f = facts_of(r, request->asked);
 
     f.allowed = request->allow_bias;
     f.error = request->target.error > 0.0 ? request->target.error : INFINITY;
     if (d->cache.begun || d->cache.hurried || d->cache.refused || !request->background ||
-        request->light->direct.method != METHOD_AUTO || !is_measured(request) || !cache_may_serve(request->light) ||
+        request->asked->direct.method != METHOD_AUTO || !is_measured(request) || !cache_may_serve(request->asked) ||
         !cost_suits_cache(&f))
         return;
     d->cache.looked_for = true;
@@ -287,17 +286,16 @@ static void note_denoised(struct decider *d, const struct relight_stats *stats)
 }
 
 void decider_learn(struct decider *d, struct relighter *r, const struct frame_request *request,
-                   const struct decision *decision, const struct relight_stats *stats,
-                   const struct pilot_stats *measured)
+                   const struct relight_stats *stats, const struct pilot_stats *measured)
 {
-    if (decision->by == DECIDED_BY_CACHE && stats->cache_refused) {
+    if (request->by == DECIDED_BY_CACHE && stats->cache_refused) {
         d->cache.ready = d->cache.begun = false;
         d->cache.refused = true;
-    } else if (decision->by == DECIDED_BY_CACHE) {
+    } else if (request->by == DECIDED_BY_CACHE) {
         note_image(d, stats);
         d->cache.share = stats->cache_share;
     }
-    if (decision->by == DECIDED_BY_RULE && is_first(d, request)) {
+    if (request->by == DECIDED_BY_RULE && is_first(d, request)) {
         note_denoised(d, stats);
         if (d->cache.begun)
             follow_cache(d, r, request, stats->still);
@@ -305,7 +303,7 @@ void decider_learn(struct decider *d, struct relighter *r, const struct frame_re
             get_cache(d, r, request, false);
         return;
     }
-    if (decision->by != DECIDED_BY_MEASURES || request->no_cache || !cache_may_serve(request->light))
+    if (request->by != DECIDED_BY_MEASURES || request->no_cache || !cache_may_serve(request->asked))
         return;
     d->cache.error = request->target.error > 0.0 ? request->target.error : measured->error;
     if (d->cache.begun) {

@@ -19,18 +19,16 @@ enum decided_by {
 };
 
 struct frame_request { /* zeroed: sample counts, the number of frames unknown */
-    const struct relight_desc *light;
-    struct pilot_target target; /* zeroed: use sample counts */
-    uint64_t frames_left;       /* after this one; 0: unknown */
-    double allow_bias;          /* relMSE: auto may use estimators with at most this bias; 0: only unbiased ones */
-    bool no_cache;              /* auto must not compute the cache because no later frame could use it */
-    bool background;            /* auto computes its cache while frames are rendered; else decider_learn waits for it */
-};
-
-struct decision {
+    const struct relight_desc *asked;
+    struct budget_target target; /* zeroed: use sample counts */
+    uint64_t frames_left;        /* after this one; 0: unknown */
+    double allow_bias;           /* relMSE: auto may use estimators with at most this bias; 0: only unbiased ones */
+    bool no_cache;               /* auto must not compute the cache because no later frame could use it */
+    bool background; /* auto computes its cache while frames are rendered; else decider_learn waits for it */
+    /* By decide: */
     enum decided_by by;
     const char *why;           /* a phrase; static */
-    struct relight_desc light; /* of the request, or of the cache */
+    struct relight_desc light; /* what was asked, or that of the cache */
 };
 
 struct decider {         /* zero it first; decider_finish frees it */
@@ -60,21 +58,20 @@ void decider_finish(struct decider *d); /* leaves it zeroed */
  * without `background`, or when called again. */
 void decider_begin(struct decider *d, struct relighter *r, const struct frame_request *request);
 
-/* Decides the next frame. Pure. */
-void decide(const struct decider *d, const struct frame_request *request, struct decision *out);
+/* Decides the next frame. */
+void decide(const struct decider *d, struct frame_request *request);
 
-/* Runs a decision: rgb float[height][width][3], linear. *measured is filled if decision->by is DECIDED_BY_MEASURES,
- * else zeroed. All calls with d must pass the same r. Errors are those of relighter_run. */
+/* Runs a decided request: rgb float[height][width][3], linear. *measured is filled if request->by is
+ * DECIDED_BY_MEASURES, else zeroed. All calls with d must pass the same r. Errors are those of relighter_run. */
 MUST_CHECK enum err decider_run(struct decider *d, struct relighter *r, const struct environment *e,
-                                const struct frame_request *request, const struct decision *decision, float *rgb,
-                                struct relight_stats *stats, struct pilot_stats *measured);
+                                const struct frame_request *request, float *rgb, struct relight_stats *stats,
+                                struct pilot_stats *measured);
 
 /* Call it after each frame of decider_run, once the frame is published. The frame's cost decides whether the relighter
  * loads or computes the cache. decide() uses the cache once it is complete or, in the background, once its coarse
  * blocks are more accurate than the frames. A lack of memory for the cache is logged. */
 void decider_learn(struct decider *d, struct relighter *r, const struct frame_request *request,
-                   const struct decision *decision, const struct relight_stats *stats,
-                   const struct pilot_stats *measured);
+                   const struct relight_stats *stats, const struct pilot_stats *measured);
 
 /* For requests with sample counts, before the first frame. The decision depends on neither the number of frames nor the
  * clock nor a file of an earlier run. If the cache's bias is allowed and it pays off, *light becomes the cache's, with

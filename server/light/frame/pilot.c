@@ -199,7 +199,7 @@ static enum err make_image(struct pilot *p, uint64_t pass, float *rgb, struct re
 }
 
 /* Measures direct light and eye paths on the whole image: with few, and with more if many will be taken. */
-static enum err measure_first(struct pilot *p, const struct pilot_target *target)
+static enum err measure_first(struct pilot *p, const struct budget_target *target)
 {
     enum err e = ERR_OK;
 
@@ -221,7 +221,7 @@ static enum err measure_first(struct pilot *p, const struct pilot_target *target
 
 /* Before the first image: a quick one as a yardstick, and whole measurements. done: there is time for the quick one
  * only. */
-static enum err begin(struct pilot *p, const struct pilot_target *target, float *rgb, struct relight_stats *stats,
+static enum err begin(struct pilot *p, const struct budget_target *target, float *rgb, struct relight_stats *stats,
                       bool *done)
 {
     pilot_choose_first(p, target->seconds > 0.0);
@@ -242,7 +242,7 @@ static enum err begin(struct pilot *p, const struct pilot_target *target, float 
 }
 
 enum err pilot_run(struct pilot *p, const struct environment *e, const struct relight_desc *light,
-                   const struct pilot_target *target, float *rgb, struct relight_stats *stats,
+                   const struct budget_target *target, float *rgb, struct relight_stats *stats,
                    struct pilot_stats *measured)
 {
     enum err result = ERR_OK;

@@ -17,6 +17,7 @@
 #pragma once
 
 #include "light/frame/relight.h"
+#include "light/plan/budget.h"
 
 /* relMSE of the court's denoised images with few samples, in all light: a lower one is expected of the samples alone,
  * or they are filtered (docs/noise.md). */
@@ -40,11 +41,6 @@ struct pilot_work {       /* what was computed */
 
 struct pilot_desc {
     double (*price)(const struct pilot_work *work); /* replaces the clock's seconds in tests; NULL: use the clock */
-};
-
-struct pilot_target { /* at least one is above 0; with both, the error is lowered within the time only */
-    double seconds;   /* for an image, including the pilot's work; 0: no limit */
-    double error;     /* relMSE; 0: none */
 };
 
 struct pilot_part_stats {
@@ -77,7 +73,7 @@ void pilot_destroy(struct pilot *p); /* NULL is allowed */
  * light->direct, and respects explicit particles, eye_paths and estimators. stats->plan receives the choice; its
  * sentences are valid until the next run. Cancelled frames are not measured. Errors are those of relighter_run. */
 MUST_CHECK enum err pilot_run(struct pilot *p, const struct environment *e, const struct relight_desc *light,
-                              const struct pilot_target *target, float *rgb, struct relight_stats *stats,
+                              const struct budget_target *target, float *rgb, struct relight_stats *stats,
                               struct pilot_stats *measured);
 
 const char *pilot_part_name(enum pilot_part part); /* for reports; static. Any thread. */

@@ -177,7 +177,7 @@ static void hold_counts(const struct pilot *p, const struct budget_target *targe
 }
 
 /* Whether the samples that the time pays for have more error than a filter leaves. */
-static bool wants_filter(const struct pilot *p, const struct pilot_target *target)
+static bool wants_filter(const struct pilot *p, const struct budget_target *target)
 {
     const double least = PILOT_FILTER_ABOVE * (p->denoised ? FILTERED : 1.0);
     bool known = true, other = false;
@@ -201,7 +201,7 @@ static void take_at_least_two_halves(struct pilot *p, double seconds)
     p->budget.met = sum <= KEPT * seconds;
 }
 
-void pilot_choose(struct pilot *p, const struct pilot_target *target)
+void pilot_choose(struct pilot *p, const struct budget_target *target)
 {
     struct budget_target left = { target->seconds, AIM * target->error };
 

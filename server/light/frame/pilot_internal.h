@@ -4,7 +4,6 @@
 
 #include "light/frame/pilot.h"
 #include "light/frame/relight_passes.h"
-#include "light/plan/budget.h"
 #include "light/plan/pilot_allot.h"
 #include "light/plan/pilot_measure.h"
 
@@ -76,7 +75,7 @@ void pilot_read_light(struct pilot *p, enum pilot_part part, double n, float *co
  * of the passes. */
 MUST_CHECK enum err pilot_probe_whole(struct pilot *p, enum pilot_part part, double n);
 /* Measures one part after the other within the time for measurements. Errors are those of the passes. */
-MUST_CHECK enum err pilot_probe(struct pilot *p, const struct pilot_target *target);
+MUST_CHECK enum err pilot_probe(struct pilot *p, const struct budget_target *target);
 /* Share of a frame's time that goes to measurements. */
 double pilot_share(const struct pilot *p);
 
@@ -87,11 +86,11 @@ double pilot_share(const struct pilot *p);
 void pilot_follow(struct pilot *p);
 void pilot_choose_first(struct pilot *p, bool denoised); /* counts of the quick image */
 /* Sets the counts, their budget and `more`. */
-void pilot_choose(struct pilot *p, const struct pilot_target *target);
+void pilot_choose(struct pilot *p, const struct budget_target *target);
 double pilot_error(const struct pilot *p); /* expected relMSE of the choice, without a filter */
 
 /* ---- pilot_report.c ---- */
 
 /* Audits the frame and fills its statistics. */
-void pilot_report(struct pilot *p, const struct pilot_target *target, const float *rgb, struct relight_stats *stats,
+void pilot_report(struct pilot *p, const struct budget_target *target, const float *rgb, struct relight_stats *stats,
                   struct pilot_stats *out);

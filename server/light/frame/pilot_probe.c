@@ -122,7 +122,7 @@ static enum err probe_next(struct pilot *p)
     return p->offered[part] && g->list.count > 0 ? probe_points(p, part, p->n[part], g) : ERR_OK;
 }
 
-enum err pilot_probe(struct pilot *p, const struct pilot_target *target)
+enum err pilot_probe(struct pilot *p, const struct budget_target *target)
 {
     const double frame_s = target->seconds > 0.0 ? target->seconds : p->frame_s;
     enum err e = ERR_OK;

@@ -19,7 +19,7 @@ static void report_part(const struct pilot *p, enum pilot_part part, struct pilo
     out->error = model_error(&p->model[part], p->n[part]);
 }
 
-void pilot_report(struct pilot *p, const struct pilot_target *target, const float *rgb, struct relight_stats *stats,
+void pilot_report(struct pilot *p, const struct budget_target *target, const float *rgb, struct relight_stats *stats,
                   struct pilot_stats *out)
 {
     out->readings = UINT32_MAX;

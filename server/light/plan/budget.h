@@ -23,7 +23,8 @@ struct budget_part {
 };
 
 struct budget_target { /* at least one is above 0; with both, the error is lowered within the time only */
-    double seconds, error;
+    double seconds;    /* for an image, including measurements; 0: no limit */
+    double error;      /* relMSE; 0: none */
 };
 
 struct budget {

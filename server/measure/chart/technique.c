@@ -148,13 +148,12 @@ enum err technique_run(const struct technique *t, const struct technique_stage *
                        float *rgb, struct technique_cost *cost, struct reason *why)
 {
     struct relight_desc light = t->light;
-    const struct frame_request request = {
-        .light = &light,
+    struct frame_request request = {
+        .asked = &light,
         .target.seconds = t->kind == TECHNIQUE_AUTO ? stage->seconds : 0.0,
         .no_cache = true,
     };
     struct decider decider = { 0 };
-    struct decision decision;
     struct relight_stats stats = { 0 };
     struct pilot_stats pilot = { 0 };
     enum err result = ERR_OK;
@@ -169,9 +168,9 @@ enum err technique_run(const struct technique *t, const struct technique_stage *
         if (result)
             return result;
     }
-    decide(&decider, &request, &decision);
+    decide(&decider, &request);
     const double start = clock_seconds();
-    result = decider_run(&decider, stage->relighter, stage->environment, &request, &decision, rgb, &stats, &pilot);
+    result = decider_run(&decider, stage->relighter, stage->environment, &request, rgb, &stats, &pilot);
     prepared += stats.cache_ms;
     *cost = (struct technique_cost){
         .seconds = clock_seconds() - start - 1e-3 * stats.cache_ms,
@@ -183,7 +182,7 @@ enum err technique_run(const struct technique *t, const struct technique_stage *
         .prepared = 1e-3 * prepared,
         .prepared_bytes = stats.cache.bytes,
     };
-    if (decision.by == DECIDED_BY_MEASURES && !result)
+    if (request.by == DECIDED_BY_MEASURES && !result)
         take_choice(&pilot, cost);
     decider_finish(&decider);
     if (!result && t->kind == TECHNIQUE_PREPARED && stats.cache_frame.lit < stats.cache.packets)

@@ -230,5 +230,5 @@ enum err render_layers_run(struct render *r, struct relight_stats *stats)
         memset(l->lamps, 0, values * sizeof(float));
         relight_lamps_add(r->lamps, r->desc.setup.initial.lamps, l->lamps);
     }
-    return relighter_run_layers(r->relighter, r->environment, &r->decision.light, &l->light, r->rgb, stats);
+    return relighter_run_layers(r->relighter, r->environment, &r->request.light, &l->light, r->rgb, stats);
 }

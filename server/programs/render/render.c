@@ -149,7 +149,7 @@ struct frame_request render_request(const struct render *r, const struct frame *
 {
     const uint64_t done = r->rendered + r->refused + 1, all = source_count(r->source);
     struct frame_request q = {
-        .light = light,
+        .asked = light,
         .target = r->desc.target,
         .frames_left = all > done ? all - done : 0,
         .allow_bias = r->desc.setup.allow_bias,
@@ -184,7 +184,7 @@ static enum err print_inspection(struct render *r, struct reason *why)
     struct probe_lamps lamps = { .scale = r->desc.setup.initial.lamps };
 
     relight_lamps_pixel(r->lamps, q->x, q->y, lamps.rgb);
-    return inspector_print(r->inspector, r->environment, &r->decision.light, q, r->rgb, r->lamps ? &lamps : NULL, why);
+    return inspector_print(r->inspector, r->environment, &r->request.light, q, r->rgb, r->lamps ? &lamps : NULL, why);
 }
 
 /* What a frame of --fps took beyond its share is owed by the next ones. Warns where the time is too short. */
@@ -227,12 +227,11 @@ static enum err render_frame(struct render *r, struct reason *why)
         return e;
     r->unmetered = false;
     r->desc.setup.light.direct.why = why;
-    const struct frame_request request = render_request(r, &r->frame, &r->desc.setup.light);
-    decide(&r->decider, &request, &r->decision);
+    r->request = render_request(r, &r->frame, &r->desc.setup.light);
+    decide(&r->decider, &r->request);
     const double begun_s = clock_seconds();
-    e = r->layers
-            ? render_layers_run(r, &stats)
-            : decider_run(&r->decider, r->relighter, r->environment, &request, &r->decision, r->rgb, &stats, &pilot);
+    e = r->layers ? render_layers_run(r, &stats)
+                  : decider_run(&r->decider, r->relighter, r->environment, &r->request, r->rgb, &stats, &pilot);
     if (e)
         return e == ERR_NOMEM ? err_say(why, e, "%s: no memory for the light samples", r->frame.name) : e;
     relight_lamps_add(r->lamps, r->desc.setup.initial.lamps, r->rgb);
@@ -259,7 +258,7 @@ static enum err render_frame(struct render *r, struct reason *why)
         e = render_note(r, render_stats_text(r, &stats, &pilot, ms)) ? err_say(why, ERR_NOMEM, "out of memory")
                                                                      : ERR_OK;
     if (!e)
-        decider_learn(&r->decider, r->relighter, &request, &r->decision, &stats, &pilot);
+        decider_learn(&r->decider, r->relighter, &r->request, &stats, &pilot);
     r->rendered += !e;
     return e;
 }

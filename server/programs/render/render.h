@@ -12,22 +12,22 @@
 #include "relightd/settings/settings.h"
 
 struct render_desc {
-    struct setup setup;         /* all but `initial` */
-    struct pilot_target target; /* zeroed: the sample counts of `setup` */
-    struct output_desc output;  /* pattern NULL: no images */
+    struct setup setup;          /* all but `initial` */
+    struct budget_target target; /* zeroed: the sample counts of `setup` */
+    struct output_desc output;   /* pattern NULL: no images */
     /* With EXPOSURE_AUTO: the number of the frame that is measured; the first one if none is given. */
     bool exposure_frame_given;
     uint64_t exposure_frame;
     double calibrate_lux; /* scale the environment so that the first frame's horizontal illuminance in the open is
                              this; 0: as it is */
-    enum luminance_weights weights;    /* of calibrate_lux */
-    bool layers;                       /* of EXR: not by a reference method, nor with a target or alpha */
-    const char *stats_path;            /* JSON, one object per frame; "-": standard output; NULL: none */
-    const char *changes;               /* pattern of change maps, PNG (light/frame/changes.h); NULL: none */
-    bool resume;                       /* keep images that are there */
-    struct ranks *ranks;               /* NULL: this process renders all frames */
-    bool collect;                      /* rank 0 writes the images of all ranks */
-    bool split;                        /* ranks light each frame together, instead of one rank per frame */
+    enum luminance_weights weights;           /* of calibrate_lux */
+    bool layers;                              /* of EXR: not by a reference method, nor with a target or alpha */
+    const char *stats_path;                   /* JSON, one object per frame; "-": standard output; NULL: none */
+    const char *changes;                      /* pattern of change maps, PNG (light/frame/changes.h); NULL: none */
+    bool resume;                              /* keep images that are there */
+    struct ranks *ranks;                      /* NULL: this process renders all frames */
+    bool collect;                             /* rank 0 writes the images of all ranks */
+    bool split;                               /* ranks light each frame together, instead of one rank per frame */
     const struct inspect_request *inspection; /* printed to standard output per frame; NULL: none */
 };
 

@@ -27,7 +27,7 @@ struct render_ahead {
     bool decoded; /* into `environment`, as `decoding` says */
     struct decoding decoding;
     struct relight_desc light;
-    struct decision decision;
+    struct frame_request request;
 };
 
 struct render {
@@ -39,19 +39,19 @@ struct render {
     struct cache_share share;    /* which computes the cache with the others */
     struct relight_lamps *lamps; /* NULL: the scene has none, or they are off */
     struct decider decider;
-    struct decision decision; /* of the frame */
-    double cache_ms;          /* of computing or loading what --method cached needs, once */
-    double beside_s;          /* of a frame, what is not light: reading and writing it, smoothed */
-    double owed_s;            /* what the frames so far took beyond those of --fps */
+    struct frame_request request; /* of the frame */
+    double cache_ms;              /* of computing or loading what --method cached needs, once */
+    double beside_s;              /* of a frame, what is not light: reading and writing it, smoothed */
+    double owed_s;                /* what the frames so far took beyond those of --fps */
     bool warned_denoised, warned_late;
     struct environment *environment;
-    struct output *output;  /* NULL: no images */
-    struct changes changes; /* of statistics and desc.changes */
-    struct output *maps;    /* of desc.changes; NULL: none */
-    struct inspector *inspector;  /* NULL: no pixel is asked about */
-    float *rgb;             /* [height][width][3] */
-    float *rgba;            /* [height][width][4]: the foreground; NULL: not requested */
-    FILE *stats;            /* NULL: none */
+    struct output *output;       /* NULL: no images */
+    struct changes changes;      /* of statistics and desc.changes */
+    struct output *maps;         /* of desc.changes; NULL: none */
+    struct inspector *inspector; /* NULL: no pixel is asked about */
+    float *rgb;                  /* [height][width][3] */
+    float *rgba;                 /* [height][width][4]: the foreground; NULL: not requested */
+    FILE *stats;                 /* NULL: none */
     struct frame frame;
     bool decoded; /* already, as `decoding` says */
     struct decoding decoding;

@@ -16,10 +16,10 @@ static bool look_ahead(void *context, const struct environment **e, const struct
     if (a->decoding.result)
         return false;
     a->light = r->desc.setup.light;
-    const struct frame_request q = render_request(r, &a->frame, &a->light);
-    decide(&r->decider, &q, &a->decision);
+    a->request = render_request(r, &a->frame, &a->light);
+    decide(&r->decider, &a->request);
     *e = a->environment;
-    *request = &a->decision.light;
+    *request = &a->request.light;
     return true;
 }
 

@@ -134,8 +134,8 @@ static json_t *changes_stats(const struct changes *c)
 char *render_stats_text(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
                         const double ms[3])
 {
-    const struct relight_desc *light = &r->decision.light;
-    const bool measured = r->decision.by == DECIDED_BY_MEASURES;
+    const struct relight_desc *light = &r->request.light;
+    const bool measured = r->request.by == DECIDED_BY_MEASURES;
     json_t *name = json_string(r->environment->name); /* NULL where a file's name is not UTF-8 */
     json_t *j = json_pack("{s:I, s:o, s:s, s:i}", "frame", (json_int_t)r->frame.number, "environment",
                           name ? name : json_null(), "method",

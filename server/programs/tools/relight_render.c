@@ -125,7 +125,7 @@ static const struct setting rows[] = {
 /* A time or an error takes the place of a sample count. */
 static enum err read_target(const struct command *c, struct render *r, struct reason *why)
 {
-    struct pilot_target *t = &r->desc.target;
+    struct budget_target *t = &r->desc.target;
 
     t->seconds = r->fps > 0.0 ? 1.0 / r->fps : 0.0;
     t->error = r->desc.setup.initial.error;

@@ -63,7 +63,7 @@ static struct protocol_picture make_header(const struct daemon_config *c, const 
  * gets a share of the interval, which leaves time for encoding and reading, since their threads slow this one down. */
 static struct frame_request make_request(struct shade_thread *t, const struct ingested *in, const struct lighting *l)
 {
-    struct frame_request q = { .light = &l->asked,
+    struct frame_request q = { .asked = &l->asked,
                                .background = true,
                                .no_cache = t->set->coarse, /* it would serve the complete view only */
                                .allow_bias = t->shared->config.setup.allow_bias };
@@ -93,8 +93,8 @@ static enum err light_frame(struct shade_thread *t, const struct ingested *in, f
         l->request.target.seconds =
             fmin(decider_target_s(&t->decider, r, fmin(1.0 / l->settings.fps, shared->config.image_s)),
                  shared->config.image_s);
-    decide(&t->decider, &l->request, &l->decision);
-    return decider_run(&t->decider, r, in->environment, &l->request, &l->decision, rgb, &l->stats, &l->pilot);
+    decide(&t->decider, &l->request);
+    return decider_run(&t->decider, r, in->environment, &l->request, rgb, &l->stats, &l->pilot);
 }
 
 /* Fills in an image's change map, for those who subscribe to them. first: nothing before it counts. */
@@ -117,8 +117,8 @@ static void publish(struct shade_thread *t, int slot, const struct ingested *in,
 {
     struct shared *shared = t->shared;
     struct shaded *out = &shared->images.slot[slot];
-    const struct relight_desc *light = &l->decision.light;
-    const bool measured = l->decision.by == DECIDED_BY_MEASURES;
+    const struct relight_desc *light = &l->request.light;
+    const bool measured = l->request.by == DECIDED_BY_MEASURES;
     struct protocol_picture header =
         make_header(&shared->config, in, queued_ms, &l->stats, measured ? l->pilot.samples : light->direct.samples);
 
@@ -130,13 +130,13 @@ static void publish(struct shade_thread *t, int slot, const struct ingested *in,
     image_slots_publish(&shared->images, slot, shared->server); /* from here on the slot is the encode thread's */
     const double now_s = clock_seconds();
     status_image_shaded(&shared->status,
-                          &(struct image_report){ in, header, light, &l->stats, measured ? &l->pilot : NULL,
-                                                    t->shaded_s > 0.0 ? now_s - t->shaded_s : 0.0, t->set->coarse });
+                        &(struct image_report){ in, header, light, &l->stats, measured ? &l->pilot : NULL,
+                                                t->shaded_s > 0.0 ? now_s - t->shaded_s : 0.0, t->set->coarse });
     if (!measured && !light->denoise) /* what the filter takes, no setting asks for */
         cost_learn(&t->cost, (in->ticket.lockstep ? t->first_set : t->set)->facts.points, light, &l->stats);
     if (!in->ticket.lockstep)
         settings_set_proven(&shared->settings, l->settings.light_version);
-    decider_learn(&t->decider, t->relighter, &l->request, &l->decision, &l->stats, &l->pilot);
+    decider_learn(&t->decider, t->relighter, &l->request, &l->stats, &l->pilot);
     const double since_s = t->shaded_s > 0.0 ? now_s - t->shaded_s : 0.0;
     refine_open(t, &(struct shown_image){ in, out, *light, header, now_s, since_s });
     t->shaded_s = now_s;
@@ -229,9 +229,9 @@ bool shade_thread_next(void *thread, const struct environment **e, const struct 
     l->request = make_request(t, in, l);
     if (l->request.target.seconds > 0.0 || l->request.target.error > 0.0) /* by what this image will have taken */
         return false;
-    decide(&t->decider, &l->request, &l->decision);
+    decide(&t->decider, &l->request);
     *e = in->environment;
-    *request = &l->decision.light;
+    *request = &l->request.light;
     return true;
 }
 

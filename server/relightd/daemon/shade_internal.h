@@ -93,7 +93,6 @@ struct lighting {
     struct settings settings;
     struct relight_desc asked; /* what the settings ask for */
     struct frame_request request;
-    struct decision decision;
     struct relight_stats stats;
     struct pilot_stats pilot; /* zeroed unless the decision was measured */
     bool again;               /* another image of a frame that stands still */

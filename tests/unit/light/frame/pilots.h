@@ -43,7 +43,7 @@ static inline void pilot_end(struct pilot *p)
 
 /* The last of `frames` images under one sky. */
 static inline void fly(struct pilot *p, const struct environment *e, const struct relight_desc *light,
-                       struct pilot_target target, int frames, float *rgb, struct relight_stats *stats,
+                       struct budget_target target, int frames, float *rgb, struct relight_stats *stats,
                        struct pilot_stats *said)
 {
     for (int k = 0; k < frames; k++)

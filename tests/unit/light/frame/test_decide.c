@@ -104,21 +104,22 @@ static void its_images_are_those_of_the_cache(void **state)
     relighter_destroy(other);
 }
 
-static const struct frame_request in_time = { .light = &sampled, .target.seconds = 0.1, .allow_bias = 1.0 };
+static const struct frame_request in_time = { .asked = &sampled, .target.seconds = 0.1, .allow_bias = 1.0 };
 
 /* What is decided for a frame, after another that was measured: its light took a second, of 2000 samples a point. The
  * cache is to take a little more than one. */
-static struct decision step(struct decider *d, struct relighter *r, double error, const struct frame_request *request)
+static struct frame_request step(struct decider *d, struct relighter *r, double error,
+                                 const struct frame_request *request)
 {
     const struct pilot_stats measured = { .seconds = 1.0, .error = error };
     struct relight_stats stats = { .shade_ms = 1e3 };
-    struct decision decision;
+    struct frame_request decided = *request;
 
     stats.direct.rays = 2000 * set->gbuffer->point_count;
-    decide(d, request, &decision);
-    decider_learn(d, r, request, &decision, &stats, &measured);
-    decide(d, request, &decision);
-    return decision;
+    decide(d, &decided);
+    decider_learn(d, r, &decided, &stats, &measured);
+    decide(d, &decided);
+    return decided;
 }
 
 /* Who decides: a named method, counts, a time, and whether the cache is there. */
@@ -126,27 +127,26 @@ static void each_request_has_one_answer(void **state)
 {
     struct decider d = { .pilot = NULL };
     struct relight_desc light = sampled;
-    struct frame_request request = { .light = &light };
-    struct decision out;
+    struct frame_request request = { .asked = &light };
     (void)state;
 
-    decide(&d, &request, &out);
-    assert_int_equal(out.by, DECIDED_BY_RULE);
+    decide(&d, &request);
+    assert_int_equal(request.by, DECIDED_BY_RULE);
     request.target.seconds = 0.1;
-    decide(&d, &request, &out);
-    assert_int_equal(out.by, DECIDED_BY_MEASURES);
+    decide(&d, &request);
+    assert_int_equal(request.by, DECIDED_BY_MEASURES);
     d.cache.ready = true;
-    decide(&d, &request, &out);
-    assert_int_equal(out.by, DECIDED_BY_CACHE);
-    assert_int_equal(out.light.direct.method, METHOD_CACHED);
+    decide(&d, &request);
+    assert_int_equal(request.by, DECIDED_BY_CACHE);
+    assert_int_equal(request.light.direct.method, METHOD_CACHED);
     light.direct.no_visibility = true; /* which the cache has not */
-    decide(&d, &request, &out);
-    assert_int_equal(out.by, DECIDED_BY_MEASURES);
+    decide(&d, &request);
+    assert_int_equal(request.by, DECIDED_BY_MEASURES);
     d.cache.ready = false;
     light.direct.method = METHOD_MIS;
-    decide(&d, &request, &out);
-    assert_int_equal(out.by, DECIDED_BY_REQUEST);
-    assert_int_equal(out.light.direct.method, METHOD_MIS);
+    decide(&d, &request);
+    assert_int_equal(request.by, DECIDED_BY_REQUEST);
+    assert_int_equal(request.light.direct.method, METHOD_MIS);
 }
 
 /* Beside the frames, once they have cost as much; then frames are made by it: grainy ones by its coarse blocks. */
@@ -155,7 +155,7 @@ static void gets_it_in_the_background(double error)
     static float rgb[VALUES];
     double share = 0.0;
     struct frame_request request = in_time;
-    struct decision decision;
+    struct frame_request decision = in_time;
     struct relighter *r = make();
     struct decider d = { .pilot = NULL };
     struct relight_stats stats;
@@ -183,7 +183,7 @@ static void gets_it_in_the_background(double error)
     assert_true(share == 1.0);
     assert_int_equal(step(&d, r, error, &request).by, DECIDED_BY_CACHE);
     stats.cache_refused = true; /* its memory is gone */
-    decider_learn(&d, r, &request, &decision, &stats, &(struct pilot_stats){ .seconds = 0.0 });
+    decider_learn(&d, r, &decision, &stats, &(struct pilot_stats){ .seconds = 0.0 });
     assert_int_equal(step(&d, r, error, &request).by, DECIDED_BY_MEASURES);
     assert_true(d.cache.refused);
     relighter_destroy(r);
@@ -201,30 +201,29 @@ static void a_stream_of_frames_gets_it_in_the_background(void **state)
 static void first_images_hurry(void **state)
 {
     struct relight_desc light = sampled;
-    const struct frame_request request = {
-        .light = &light, .target.seconds = 0.1, .allow_bias = 1.0, .background = true
-    };
+    struct frame_request request = { .asked = &light, .target.seconds = 0.1, .allow_bias = 1.0, .background = true };
     struct relight_stats stats = { .shade_ms = 1.0 };
     struct relighter *r = make();
     struct decider d = { .pilot = NULL };
-    struct decision first, next;
+    struct frame_request first, next;
     (void)state;
 
     light.classes = PATH_ALL;
     light.audit = 0.05;
+    first = next = request;
     decider_begin(&d, r, &request);
-    decide(&d, &request, &first);
+    decide(&d, &first);
     assert_true(first.by == DECIDED_BY_RULE && first.light.denoise && first.light.remember);
-    decider_learn(&d, r, &request, &first, &stats, &(struct pilot_stats){ .seconds = 0.0 });
+    decider_learn(&d, r, &first, &stats, &(struct pilot_stats){ .seconds = 0.0 });
     assert_true(d.cache.begun && decider_interval_s(&d) == 0.0);
-    decide(&d, &request, &next);
+    decide(&d, &next);
     assert_true(next.light.denoise && next.light.direct.samples == 2 * first.light.direct.samples);
     assert_true(first.light.audit == 0.0 && next.light.audit == light.audit);
     for (stats.glides = ACCUMULATION_GLIDE;
          stats.glides-- > 0;) { /* its light is displayed step by step, at any rate */
-        decider_learn(&d, r, &request, &next, &stats, &(struct pilot_stats){ .seconds = 0.0 });
+        decider_learn(&d, r, &next, &stats, &(struct pilot_stats){ .seconds = 0.0 });
         assert_true(d.cache.ready || (stats.glides > 0) == (decider_interval_s(&d) == 0.0));
-        decide(&d, &request, &next);
+        decide(&d, &next);
         assert_true(d.cache.ready || next.light.audit == light.audit);
     }
     relighter_destroy(r);
@@ -244,7 +243,7 @@ static void a_file_is_taken_after_one_frame(void **state)
     assert_non_null(mkdtemp(folder));
     kept.cache_file = cached.cache_file = "";
     kept.cache_dir = cached.cache_dir = folder;
-    known.light = strict.light = last.light = &kept;
+    known.asked = strict.asked = last.asked = &kept;
     known.frames_left = 1;
     strict.frames_left = 1000;
     strict.target.error = 1e-4;
@@ -268,13 +267,10 @@ static void a_file_is_taken_after_one_frame(void **state)
 static void a_kept_cache_makes_the_first_image(void **state)
 {
     struct relight_desc light = sampled, cached;
-    const struct frame_request request = {
-        .light = &light, .target.seconds = 0.1, .allow_bias = 1.0, .background = true
-    };
+    struct frame_request request = { .asked = &light, .target.seconds = 0.1, .allow_bias = 1.0, .background = true };
     struct relighter *r = make();
     char folder[32] = "/tmp/relight-decide-XXXXXX";
     struct decider d = { .pilot = NULL };
-    struct decision first;
     double ms;
     (void)state;
 
@@ -288,8 +284,8 @@ static void a_kept_cache_makes_the_first_image(void **state)
     relighter_destroy(r);
     r = make();
     decider_begin(&d, r, &request);
-    decide(&d, &request, &first);
-    assert_int_equal(first.by, DECIDED_BY_CACHE);
+    decide(&d, &request);
+    assert_int_equal(request.by, DECIDED_BY_CACHE);
     assert_false(decider_is_computing(&d, r));
     relighter_destroy(r);
     kept_remove(folder);
@@ -308,7 +304,7 @@ static void what_has_no_room_is_no_ones_error(void **state)
 
     light.direct.why = &why;
     light.cache_bytes = 1000;
-    request.light = &light;
+    request.asked = &light;
     request.frames_left = 1000;
     for (uint32_t k = 0; k < COST_MADE; k++)
         assert_int_equal(step(&d, r, 1e-2, &request).by, DECIDED_BY_MEASURES);

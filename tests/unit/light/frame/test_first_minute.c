@@ -72,20 +72,19 @@ static void hold(struct minute *m, bool held)
 static void next_image(struct minute *m)
 {
     struct environment *e = sky_of(m->source, m->frame++);
-    const struct frame_request request = {
-        .light = &m->light, .target.seconds = 0.03, .background = true, .allow_bias = INFINITY
+    struct frame_request request = {
+        .asked = &m->light, .target.seconds = 0.03, .background = true, .allow_bias = INFINITY
     };
-    struct decision decision;
     struct relight_stats stats;
     struct pilot_stats measured;
 
     decider_begin(&m->decider, m->relighter, &request);
-    decide(&m->decider, &request, &decision);
-    assert_int_equal(decider_run(&m->decider, m->relighter, e, &request, &decision, m->rgb, &stats, &measured), ERR_OK);
+    decide(&m->decider, &request);
+    assert_int_equal(decider_run(&m->decider, m->relighter, e, &request, m->rgb, &stats, &measured), ERR_OK);
     hold(m, true);
-    decider_learn(&m->decider, m->relighter, &request, &decision, &stats, &measured);
+    decider_learn(&m->decider, m->relighter, &request, &stats, &measured);
     hold(m, true);
-    m->cached = decision.by == DECIDED_BY_CACHE;
+    m->cached = request.by == DECIDED_BY_CACHE;
     environment_destroy(e);
 }
 

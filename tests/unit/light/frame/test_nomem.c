@@ -143,7 +143,7 @@ static enum err steer(void *context, struct reason *why)
     struct stage *s = context;
     struct relighter *r = relighter_create(s->set, best_kernels());
     struct pilot *pilot = r ? pilot_create(r, NULL) : NULL;
-    const struct pilot_target target = { .seconds = 0.01 };
+    const struct budget_target target = { .seconds = 0.01 };
     struct relight_stats stats;
     struct pilot_stats told;
     enum err e = pilot ? ERR_OK : ERR_NOMEM;

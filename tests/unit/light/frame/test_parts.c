@@ -62,8 +62,9 @@ static void the_error_is_that_of_25_pixels(void **state)
 static void a_frames_time_is_without_its_trials(void **state)
 {
     const struct relight_desc light = { .direct = { .method = METHOD_AUTO, .samples = 16 } };
-    const struct frame_request request = { .light = &light, .target = { .seconds = 2.0 }, .frames_left = 1 };
-    const struct decision decision = { .by = DECIDED_BY_MEASURES, .light = light };
+    const struct frame_request request = {
+        .asked = &light, .target.seconds = 2.0, .frames_left = 1, .by = DECIDED_BY_MEASURES, .light = light
+    };
     const struct prepared_scene_desc small = { .width = 8, .height = 8 };
     struct relight_stats stats = { .shade_ms = 500.0, .direct = { .rays = 1000 } };
     struct pilot_stats measured = { .seconds = 2.0, .pilot_seconds = 0.5 };
@@ -72,16 +73,16 @@ static void a_frames_time_is_without_its_trials(void **state)
     struct relighter *r = relighter_create(set, best_kernels());
     (void)state;
 
-    decider_learn(&d, r, &request, &decision, &stats, &measured);
+    decider_learn(&d, r, &request, &stats, &measured);
     assert_near(d.cache.frame_s, 1.5, 1e-12);
     assert_near(d.cache.sample_s, 0.5e-3, 1e-12);
     assert_near(d.cache.spent_s, 2.0, 1e-12);
     measured.seconds = 3.0;
-    decider_learn(&d, r, &request, &decision, &stats, &measured);
+    decider_learn(&d, r, &request, &stats, &measured);
     assert_true(d.cache.frame_s > 1.5 && d.cache.frame_s < 2.5);
     assert_near(d.cache.spent_s, 5.0, 1e-12);
     stats.direct.rays = 0; /* a black sky */
-    decider_learn(&d, r, &request, &decision, &stats, &measured);
+    decider_learn(&d, r, &request, &stats, &measured);
     assert_int_equal(d.cache.measured_frames, 2);
     decider_finish(&d);
     relighter_destroy(r);

@@ -29,7 +29,7 @@ static void a_scene_without_mirrors_runs_no_caustics(void **state)
 
     assert_int_equal(set->facts.casters, 0);
     for (int k = 0; k < 5; k++) {
-        fly(p, e, &light, (struct pilot_target){ .seconds = 0.1 }, 1, rgb, &stats, &said);
+        fly(p, e, &light, (struct budget_target){ .seconds = 0.1 }, 1, rgb, &stats, &said);
         assert_int_equal(stats.plan.caustics, PLAN_NONE);
         assert_false(said.part[PILOT_AIMED].there);
         assert_true(says(&stats, "the scene has no mirror and no glass"));
@@ -45,7 +45,7 @@ static void an_overcast_sky_gets_no_samples_of_a_sun(void **state)
     struct environment *dull = sky_environment(sky_overcast(64, 32), 32, 0.0);
     struct environment *fine = sky_environment(sky_with_sun(64, 32, 1e4f), 32, 0.0);
     const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
-    const struct pilot_target target = { .seconds = 0.05 };
+    const struct budget_target target = { .seconds = 0.05 };
     struct relight_stats stats;
     struct pilot_stats said;
     (void)state;
@@ -79,7 +79,7 @@ static void another_sky_is_measured_anew_within_sixteen_frames(void **state)
     struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
     struct environment *dull = sky_environment(sky_overcast(64, 32), 32, 0.0), *sun = sun_alone();
     const struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
-    const struct pilot_target target = { .seconds = 0.05 };
+    const struct budget_target target = { .seconds = 0.05 };
     struct relight_stats stats;
     struct pilot_stats before, said;
     (void)state;
@@ -117,7 +117,7 @@ static void a_sky_that_stands_still_has_a_steady_image_in_time(void **state)
     struct pilot *p = pilot_of(set);
     struct environment *e = sky_environment(sky_with_sun(64, 32, 1e5f), 32, 0.0);
     const struct relight_desc light = { .classes = PATH_ALL };
-    struct pilot_target target = { .seconds = seeds_count(6, 10) / 100.0 };
+    struct budget_target target = { .seconds = seeds_count(6, 10) / 100.0 };
     struct relight_stats stats;
     struct pilot_stats said, last;
     double all = 0.0, own = 0.0;
@@ -152,8 +152,8 @@ static void an_error_is_met_by_time(void **state)
     (void)state;
 
     struct pilot *p = pilot_of(set);
-    fly(p, e, &light, (struct pilot_target){ .error = 1e-2 }, 8, rgb, &stats, &coarse);
-    fly(p, e, &light, (struct pilot_target){ .error = 1e-3 }, 8, rgb, &stats, &fine);
+    fly(p, e, &light, (struct budget_target){ .error = 1e-2 }, 8, rgb, &stats, &coarse);
+    fly(p, e, &light, (struct budget_target){ .error = 1e-3 }, 8, rgb, &stats, &fine);
     printf("relMSE %.2g in %.3f s, %.2g in %.3f s\n", coarse.error, coarse.seconds, fine.error, fine.seconds);
     assert_true(coarse.met && fine.met);
     assert_true(coarse.error < 1.15e-2 && fine.error < 1.15e-3 && fine.error > 0.5e-3);
@@ -174,7 +174,7 @@ static void particles_are_measured_before_the_first_image(void **state)
     struct pilot_stats said;
     (void)state;
 
-    fly(p, e, &light, (struct pilot_target){ .error = 0.5 }, 1, rgb, &stats, &said);
+    fly(p, e, &light, (struct budget_target){ .error = 0.5 }, 1, rgb, &stats, &said);
     assert_true(said.part[PILOT_WHOLE].n > 0.0);
     assert_int_equal(p->model[PILOT_WHOLE].fresh, 2);
     pilot_end(p);
@@ -188,7 +188,7 @@ static void a_target_is_met_by_the_image_not_by_its_choice(void **state)
     struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
     struct environment *e = sky_environment(sky_overcast(64, 32), 32, 0.0);
     struct relight_desc light = { .classes = PATH_BACKGROUND | PATH_DIRECT };
-    const struct pilot_target target = { .error = 1e-2 };
+    const struct budget_target target = { .error = 1e-2 };
     struct pilot *p = pilot_of(set);
     struct relight_stats stats;
     struct pilot_stats said;
@@ -231,7 +231,7 @@ static void nothing_is_left_out_where_the_time_is_short(void **state)
         for (int frame = 0; frame < (enough ? 1 : 20); frame++) {
             struct relight_stats stats;
             struct pilot_stats said;
-            fly(p, e, &light, (struct pilot_target){ .seconds = seconds[k] }, 1, rgb, &stats, &said);
+            fly(p, e, &light, (struct budget_target){ .seconds = seconds[k] }, 1, rgb, &stats, &said);
             assert_int_equal(stats.plan.indirect, PLAN_EYE);
             assert_false(says(&stats, "indirect light"));
             assert_true(said.part[PILOT_EYE].n >= 1.0 && stats.eye.paths > 0);
@@ -255,7 +255,7 @@ static void named_counts_and_estimators_are_kept_to(void **state)
     struct pilot_stats said;
     (void)state;
 
-    fly(p, e, &light, (struct pilot_target){ .error = 0.1 }, 4, rgb, &stats, &said);
+    fly(p, e, &light, (struct budget_target){ .error = 0.1 }, 4, rgb, &stats, &said);
     assert_int_equal(stats.plan.eye_paths, 3);
     assert_int_equal(stats.plan.indirect, PLAN_EYE);
     assert_int_equal(stats.eye.paths, 3 * set->gbuffer->point_count);
@@ -271,7 +271,7 @@ static void a_black_sky_is_no_trouble(void **state)
     struct environment *black = sky_environment(sky_constant(64, 32, 0.0f), 32, 0.0);
     struct environment *dull = sky_environment(sky_overcast(64, 32), 32, 0.0);
     const struct relight_desc light = { .classes = PATH_ALL };
-    const struct pilot_target target = { .seconds = 0.05 };
+    const struct budget_target target = { .seconds = 0.05 };
     struct relight_stats stats;
     struct pilot_stats said;
     (void)state;
@@ -309,7 +309,7 @@ static void samples_fill_what_is_left_of_the_time(void **state)
         p->runs = 1;
         p->other_s = cases[k].other;
         p->model[PILOT_DIRECT] = (struct model){ .variance = 1.0, .unit_s = 1e-3, .fresh = 1000, .known = true };
-        pilot_choose(p, &(struct pilot_target){ .seconds = cases[k].seconds });
+        pilot_choose(p, &(struct budget_target){ .seconds = cases[k].seconds });
         if (fabs(p->n[PILOT_DIRECT] - cases[k].n) > 1e-6)
             fail_msg("%.9g samples, want %g", p->n[PILOT_DIRECT], cases[k].n);
         mem_free(p);

@@ -65,9 +65,9 @@ static double light_of(const float *image)
     return sum;
 }
 
-static struct pilot_target in_time(double seconds)
+static struct budget_target in_time(double seconds)
 {
-    return (struct pilot_target){ .seconds = seconds };
+    return (struct budget_target){ .seconds = seconds };
 }
 
 struct outcome {
@@ -78,7 +78,7 @@ struct outcome {
 
 /* Adds the images of a pilot who has learnt, with other numbers each. */
 static void add_images(const struct prepared_scene *set, const struct environment *e, struct relight_desc light,
-                       struct pilot_target target, uint32_t images, struct outcome *o)
+                       struct budget_target target, uint32_t images, struct outcome *o)
 {
     struct pilot *p = pilot_of(set);
     struct relight_stats stats;
@@ -99,7 +99,7 @@ static void add_images(const struct prepared_scene *set, const struct environmen
 
 /* As many pilots, each with numbers of its own: what one has learnt is off by an eighth for all of its images. */
 static struct outcome measure(const struct prepared_scene *set, const struct environment *e, uint32_t classes,
-                              struct pilot_target target, uint32_t pilots, uint32_t images)
+                              struct budget_target target, uint32_t pilots, uint32_t images)
 {
     struct relight_desc light = { .classes = classes };
     struct outcome o = { 0 };
@@ -115,7 +115,7 @@ static struct outcome measure(const struct prepared_scene *set, const struct env
     return o;
 }
 
-static void compare(struct environment *e, uint32_t classes, struct pilot_target target, const char *sky)
+static void compare(struct environment *e, uint32_t classes, struct budget_target target, const char *sky)
 {
     struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT });
 
@@ -146,7 +146,7 @@ static void the_error_said_is_true_under_a_sun(void **state)
 static void the_error_said_is_true_with_indirect_light(void **state)
 {
     (void)state;
-    compare(sky_environment(sky_overcast(64, 32), 32, 0.0), PATH_ALL, (struct pilot_target){ .error = 0.05 },
+    compare(sky_environment(sky_overcast(64, 32), 32, 0.0), PATH_ALL, (struct budget_target){ .error = 0.05 },
             "overcast, all");
 }
 
