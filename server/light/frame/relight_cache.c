@@ -6,16 +6,10 @@
 #include "base/rng.h"
 #include "light/cache/cache_share.h"
 #include "light/cache_direct/live.h"
-#include "light/frame/part.h"
 #include "light/frame/relight_builder.h"
 
 #include <stdio.h>
-#include <string.h>
 #include <time.h>
-
-#define UNBUILT_SAMPLES                                                                                                \
-    4 /* at most, of points that are lit by other means for some seconds: the frames take time from                    \
-       * what ends that */
 
 #define FIRST_S 1.0 /* for the second image, right after the first, before the builder's work */
 
@@ -244,76 +238,6 @@ double relight_cache_follow(struct relight_cache *c)
     if (c->refused || !c->transport)
         return 0.0;
     return c->building ? relight_builder_share(c->builder) : 1.0;
-}
-
-/* ---- A frame ---- */
-
-/* Packets that the cache lacks, by the rule of auto. */
-static enum err sample(struct direct *direct, const struct prepared_scene *set, const struct environment *e,
-                       const struct relight_desc *desc, const struct packet_list *only, uint32_t samples, float *lo,
-                       struct relight_stats *stats)
-{
-    struct direct_desc d = desc->direct;
-    struct direct_stats one;
-
-    d.method = METHOD_AUTO;
-    d.only = only;
-    d.samples = samples;
-    const enum err result = direct_shade(direct, set->gbuffer, set->rays, e, &d, lo, &one);
-    direct_stats_add(&one, &stats->direct);
-    stats->direct = one;
-    return result;
-}
-
-enum err relight_cache_shade(struct relight_cache *c, struct direct *direct, const struct prepared_scene *set,
-                             const struct environment *e, const struct relight_desc *desc,
-                             const struct light_part *part, float *lo, struct relight_stats *stats)
-{
-    struct transport_frame frame = { .samples = desc->direct.samples,
-                                     .seed = desc->direct.seed,
-                                     .pass = desc->direct.pass,
-                                     .cancel = desc->direct.cancel,
-                                     .unsplit = desc->unsplit };
-    const size_t floats = (size_t)set->gbuffer->packet_count * 3 * PACKET;
-    const uint32_t samples = desc->direct.samples;
-    struct reason why;
-
-    if (c->builder && follow(c, &why))
-        log_warning("%s; auto samples the light instead", c->why.text);
-    stats->cache_refused = c->refused;
-    if (c->refused)
-        return sample(direct, set, e, desc, NULL, samples, lo, stats);
-    stats->bias = "cached: a sky of 1536 cells, compressed; penumbrae that few rays miss"; /* or what bounces say */
-    if (!c->transport) {                                                                   /* cancelled */
-        memset(lo, 0, floats * sizeof(float));
-        return ERR_OK;
-    }
-    if (!part && c->keep.share && c->keep.share->end > 0)
-        return err_say(desc->direct.why, ERR_UNSUPPORTED,
-                       "this image needs the whole cache, but each rank has only a part: start it without mpirun");
-    if (!c->building)
-        transport_gather(c->transport);
-    if (part) {
-        const bool empty = part->first >= part->end; /* behind all packets: end 0 means all of them */
-        frame.first = empty ? UINT32_MAX : part->first;
-        frame.end = empty ? UINT32_MAX : part->end;
-        frame.narrow = part->narrow;
-        frame.sky_taken = part->sky_taken;
-    }
-    const struct packet_list *unbuilt = transport_unbuilt(c->transport);
-    enum err result = ERR_OK;
-    if (unbuilt->count > 0)
-        result =
-            sample(direct, set, e, desc, unbuilt, samples < UNBUILT_SAMPLES ? samples : UNBUILT_SAMPLES, lo, stats);
-    if (stats->plan.indirect == PLAN_CACHE && c->indirect.indirect)
-        frame.indirect = relight_indirect_take(&c->indirect, stats);
-    if (!result)
-        result = transport_shade(c->transport, e, &frame, lo, &stats->cache_frame);
-    stats->cache = *transport_stats(c->transport);
-    stats->cache_loaded = c->loaded;
-    stats->cache_share = c->building ? relight_builder_share(c->builder) : 1.0;
-    stats->direct.rays += stats->cache_frame.rays;
-    return result;
 }
 
 bool relight_cache_is_settled(const struct relight_cache *c)

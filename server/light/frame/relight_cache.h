@@ -8,7 +8,6 @@
 #include "light/frame/relight_indirect.h"
 #include "light/frame/relight_keep.h"
 
-struct light_part;
 struct relight_builder;
 
 struct relight_cache {                /* zero it first */
@@ -53,15 +52,6 @@ MUST_CHECK enum err relight_cache_narrow(struct relight_cache *c);
 
 /* As relighter_follow. */
 double relight_cache_follow(struct relight_cache *c);
-
-/* Writes direct light to lo: by the cache, or by direct_shade with METHOD_AUTO for packets that the cache lacks.
- * Includes indirect light if stats->plan assigns it to the cache. part: only these packets, of a complete cache; NULL:
- * all. Fills stats->direct, stats->cache_* and stats->bounce_*. Errors are those of transport_shade and
- * direct_shade. */
-MUST_CHECK enum err relight_cache_shade(struct relight_cache *c, struct direct *direct,
-                                        const struct prepared_scene *set, const struct environment *e,
-                                        const struct relight_desc *desc, const struct light_part *part, float *lo,
-                                        struct relight_stats *stats);
 
 /* True once there is a finished cache, and frames use no other. */
 bool relight_cache_is_settled(const struct relight_cache *c);

@@ -4,6 +4,7 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "base/rng.h"
+#include "light/cache/cache_share.h"
 #include "light/denoise/accumulation.h"
 #include "light/denoise/denoise.h"
 #include "light/frame/beside.h"
@@ -13,6 +14,9 @@
 #include "light/resolve/resolve.h"
 
 #include <string.h>
+
+/* At most, of points that are lit by other means for some seconds: the frames take time from what ends that. */
+#define UNBUILT_SAMPLES 4
 
 bool passes_init(struct passes *s, const struct prepared_scene *set, const struct kernels *kernels)
 {
@@ -181,17 +185,86 @@ static enum err run_direct(struct frame_run *f, struct pass *s)
     return result;
 }
 
+/* Direct light that the cache lacks, by the rule of auto. only: NULL: all packets. */
+static enum err sample_direct(struct frame_run *f, const struct direct_desc *by, const struct packet_list *only,
+                              uint32_t samples, float *lo)
+{
+    struct direct_desc d = *by;
+    struct direct_stats one;
+    double seconds;
+
+    d.method = METHOD_AUTO;
+    d.only = only;
+    d.samples = samples;
+    const enum err result = passes_direct(&f->r->passes, TABLES_IMAGE, f->e, &d, lo, &one, &seconds);
+    direct_stats_add(&one, &f->stats->direct);
+    f->stats->direct = one;
+    return result;
+}
+
+/* part: only these packets, of a complete cache; NULL: all. */
+static struct transport_frame cached_frame(const struct relight_desc *desc, const struct light_part *part)
+{
+    struct transport_frame out = { .samples = desc->direct.samples,
+                                   .seed = desc->direct.seed,
+                                   .pass = desc->direct.pass,
+                                   .cancel = desc->direct.cancel,
+                                   .unsplit = desc->unsplit };
+
+    if (part) {
+        const bool empty = part->first >= part->end; /* behind all packets: end 0 means all of them */
+        out.first = empty ? UINT32_MAX : part->first;
+        out.end = empty ? UINT32_MAX : part->end;
+        out.narrow = part->narrow;
+        out.sky_taken = part->sky_taken;
+    }
+    return out;
+}
+
+static enum err light_by_cache(struct frame_run *f, const struct relight_desc *desc, float *lo)
+{
+    struct relight_cache *c = &f->r->cache;
+    struct relight_stats *stats = f->stats;
+    struct transport_frame frame = cached_frame(desc, f->part);
+    const uint32_t samples = desc->direct.samples;
+    enum err result = ERR_OK;
+
+    stats->cache_share = relight_cache_follow(c);
+    stats->cache_refused = c->refused;
+    if (c->refused)
+        return sample_direct(f, &desc->direct, NULL, samples, lo);
+    stats->bias =
+        "cached: a sky of 1536 cells, compressed; penumbrae that few rays miss"; /* or what indirect light says */
+    if (!c->transport) {                                                         /* cancelled */
+        memset(lo, 0, points_bytes(f->r));
+        return ERR_OK;
+    }
+    if (!f->part && c->keep.share && c->keep.share->end > 0)
+        return err_say(desc->direct.why, ERR_UNSUPPORTED,
+                       "this image needs the whole cache, but each rank has only a part: start it without mpirun");
+    if (!c->building)
+        transport_gather(c->transport);
+    const struct packet_list *unbuilt = transport_unbuilt(c->transport);
+    if (unbuilt->count > 0)
+        result = sample_direct(f, &desc->direct, unbuilt, samples < UNBUILT_SAMPLES ? samples : UNBUILT_SAMPLES, lo);
+    if (stats->plan.indirect == PLAN_CACHE && c->indirect.indirect)
+        frame.indirect = relight_indirect_take(&c->indirect, stats);
+    if (!result)
+        result = transport_shade(c->transport, f->e, &frame, lo, &stats->cache_frame);
+    stats->cache = *transport_stats(c->transport);
+    stats->cache_loaded = c->loaded;
+    stats->direct.rays += stats->cache_frame.rays;
+    return result;
+}
+
 /* The cache's light has no noise and is the same in both halves. */
 static enum err run_cached(struct frame_run *f, struct pass *s)
 {
-    struct relighter *r = f->r;
-
     if (s->half == 1) {
-        memcpy(points_of(f, s), denoiser_half(r->denoiser, 0), points_bytes(r));
+        memcpy(points_of(f, s), denoiser_half(f->r->denoiser, 0), points_bytes(f->r));
         return ERR_OK;
     }
-    return relight_cache_shade(&r->cache, r->passes.direct[TABLES_IMAGE], r->set, f->e, s->request, f->part,
-                               points_of(f, s), f->stats);
+    return light_by_cache(f, s->request, points_of(f, s));
 }
 
 static enum err run_eye_paths(struct frame_run *f, struct pass *s)
