@@ -61,20 +61,6 @@ void text_add(struct text *t, const char *format, ...)
     va_end(args);
 }
 
-void text_add_escaped(struct text *t, const char *plain)
-{
-    for (; *plain; plain++) {
-        switch (*plain) {
-        case '<': text_add(t, "&lt;"); break;
-        case '>': text_add(t, "&gt;"); break;
-        case '&': text_add(t, "&amp;"); break;
-        case '"': text_add(t, "&quot;"); break;
-        case '\'': text_add(t, "&#39;"); break;
-        default: text_add_bytes(t, (unsigned char)*plain < 0x20 ? " " : plain, 1);
-        }
-    }
-}
-
 void text_add_base64(struct text *t, const uint8_t *bytes, size_t size)
 {
     static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";

@@ -21,9 +21,6 @@ void text_finish(struct text *t); /* zeroed memory is allowed */
 void text_add(struct text *t, const char *format, ...) PRINTF_LIKE(2, 3);
 void text_add_bytes(struct text *t, const char *bytes, size_t size);
 
-/* With <, >, &, " and ' as HTML's entities; control characters become blanks. */
-void text_add_escaped(struct text *t, const char *plain);
-
 /* As base64 [RFC 4648], for data: addresses. */
 void text_add_base64(struct text *t, const uint8_t *bytes, size_t size);
 

@@ -1,9 +1,8 @@
 /* A year of light: lights a scene and its sensors for every daylit hour of a weather file, and writes to a folder
  *     hours.csv, illuminance.csv   a row for each lit hour (ledger.h)
  *     sensors.csv                  a row for each sensor: its measures
- *     summary.json, index.html     the measures of all sensors; a page with everything
- *     year-*.png, sensors-*.png    heat maps over day and hour, and of the sensors in plan
- *     picture-MMDD-HHMM.*          chosen hours: .png as seen, .hdr, and -falsecolour.png
+ *     summary.json                 the measures of all sensors, and what year.py needs for its maps and page
+ *     picture-MMDD-HHMM.*          chosen hours: .png as seen, .hdr, and -falsecolour.png: 1 to 10 000 cd/m2
  * As a job, the ranks take hours from one counter, compute the cache together, and write the images of their hours;
  * rank 0 writes everything else, with the bits of one process. All need the same folder.
  * One thread of control; light runs on all OpenMP threads. */
@@ -18,10 +17,10 @@
 #include <stdbool.h>
 
 struct annual_desc {
-    struct setup setup;   /* METHOD_AUTO: the cache. Caustics are left out: the sensors do not get them */
-    const char *folder;   /* made if it is missing */
-    const char *sensors;  /* of points_read; NULL: none */
-    const char *images; /* MM-DDTHH:MM, several with commas between; "seasons": three hours of four days; "none" */
+    struct setup setup;  /* METHOD_AUTO: the cache. Caustics are left out: the sensors do not get them */
+    const char *folder;  /* made if it is missing */
+    const char *sensors; /* of points_read; NULL: none */
+    const char *images;  /* MM-DDTHH:MM, several with commas between; "seasons": three hours of four days; "none" */
     struct measures_desc measures;
     enum luminance_weights weights; /* of illuminances and luminances */
     bool resume;                    /* keep the rows of an earlier run with the same settings */

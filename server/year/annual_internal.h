@@ -10,7 +10,6 @@
 #include "sky/source/daylight.h"
 #include "year/annual.h"
 #include "year/ledger.h"
-#include "year/paint.h"
 #include "year/points.h"
 
 #include <stdint.h>
@@ -62,7 +61,7 @@ MUST_CHECK enum err annual_order_add(struct annual *a, size_t i, const struct le
 MUST_CHECK enum err annual_order_end(struct annual *a, enum err own, struct reason *why);
 void annual_order_finish(struct annual *a);
 
-/* report.c: all files but the tables. Errors of file_store and png_encode. */
+/* report.c: the sensors' measures and the summary. Errors of file_store. */
 MUST_CHECK enum err annual_report(struct annual *a, struct reason *why);
 
 /* images.c. annual_images_read: desc.images; ERR_USAGE. annual_image_of: the image requested for a moment;
@@ -84,20 +83,3 @@ void glare_view_destroy(struct glare_view *g); /* NULL is allowed */
 
 /* cdm2: [height][width]. ERR_NOMEM. */
 MUST_CHECK enum err glare_view_measure(const struct glare_view *g, const float *cdm2, struct glare *out);
-
-/* ---- Maps ---- */
-
-/* Images of a year: heat maps over day and hour, values of sensors in plan, luminance in false colour.
- * Thread: any, on separate files. */
-
-/* Days to the right, hours downwards from midnight; dark hours are grey. column: of the rows. span: hours of a row. */
-MUST_CHECK enum err map_year(const struct ledger *l, enum ledger_column column, double span, const char *title,
-                             const struct paint_scale *scale, const char *path, struct reason *why);
-
-/* Sensors as squares where they are, seen along the normal of the first: value: [points->count]. */
-MUST_CHECK enum err map_sensors(const struct points *points, const double *value, const char *title,
-                                const struct paint_scale *scale, const char *path, struct reason *why);
-
-/* cdm2: [height][width]; lines separate the steps of the legend. */
-MUST_CHECK enum err map_luminance(const float *cdm2, uint32_t width, uint32_t height, const char *title,
-                                  const struct paint_scale *scale, const char *path, struct reason *why);

@@ -4,12 +4,12 @@
 #include "base/mem.h"
 #include "image/codec/hdr_write.h"
 #include "image/codec/jpeg.h"
+#include "image/film/false_colour.h"
 #include "image/film/film.h"
 #include "light/radiance/components.h"
 
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 static enum err add(struct annual *a, int month, int day, double clock, struct reason *why)
@@ -88,6 +88,19 @@ void annual_image_name(const struct annual_image *p, char *out, size_t size)
     snprintf(out, size, "picture-%02d%02d-%02d%02d", p->month, p->day, minutes / 60 % 100, minutes % 60);
 }
 
+static enum err store_png(const uint8_t *rgb, uint32_t width, uint32_t height, const char *path, struct reason *why)
+{
+    const struct png_desc d = { .samples = rgb, .width = width, .height = height };
+    uint8_t *bytes = NULL;
+    size_t size = 0;
+    enum err e = png_encode(&d, &bytes, &size, why);
+
+    if (!e)
+        e = file_store(path, bytes, size, why);
+    mem_free(bytes);
+    return e;
+}
+
 /* As the eye sees it, exposed by itself. */
 static enum err write_seen(struct annual *a, const char *path, struct reason *why)
 {
@@ -95,8 +108,7 @@ static enum err write_seen(struct annual *a, const char *path, struct reason *wh
     const uint32_t width = s->set_desc.width, height = s->set_desc.height;
     const bool fixed = s->initial.exposure_stops < EXPOSURE_FOLLOW;
     double log2_mean = 0.0;
-    uint8_t *pixels = mem_alloc((size_t)width * height, 3), *bytes = NULL;
-    size_t size = 0;
+    uint8_t *pixels = mem_alloc((size_t)width * height, 3);
 
     if (!pixels)
         return err_say(why, ERR_NOMEM, "out of memory");
@@ -104,12 +116,8 @@ static enum err write_seen(struct annual *a, const char *path, struct reason *wh
     const double gain = fixed ? exp2(s->initial.exposure_stops) : 0.18 / exp2(log2_mean);
     const struct tone_desc tone = { gain, s->initial.tone, s->kernels ? s->kernels->level : NULL };
     tone_map(a->rgb, width, height, &tone, pixels);
-    const struct png_desc d = { .samples = pixels, .width = width, .height = height };
-    enum err e = png_encode(&d, &bytes, &size, why);
-    if (!e)
-        e = file_store(path, bytes, size, why);
+    const enum err e = store_png(pixels, width, height, path, why);
     mem_free(pixels);
-    mem_free(bytes);
     return e;
 }
 
@@ -129,35 +137,43 @@ static enum err write_hdr(const struct annual *a, const struct moment *m, const 
     return hdr_write(&d, path, why);
 }
 
-static int ascending(const void *a, const void *b)
+#define LEAST_CDM2 1.0
+#define DECADES 4
+#define STEPS 8 /* outlined */
+
+static double share_of(float cdm2)
 {
-    const float x = *(const float *)a, y = *(const float *)b;
-    return x < y ? -1 : x > y;
+    return fmin(1.0, fmax(0.0, log10(fmax((double)cdm2, LEAST_CDM2) / LEAST_CDM2) / DECADES));
 }
 
-/* The power of ten above 99 % of the pixels: three decades below it take the scale. */
-static double ceiling(const struct annual *a)
+/* Luminance in false colour, the same in all images. */
+static enum err write_luminance(const struct annual *a, const char *path, struct reason *why)
 {
-    const size_t pixels = (size_t)a->set->view.width * a->set->view.height;
-    float *sorted = mem_alloc_raw(pixels, sizeof(*sorted));
-    double top = 10000.0;
+    const uint32_t width = a->set->view.width, height = a->set->view.height;
+    uint8_t *pixels = mem_alloc((size_t)width * height, 3);
 
-    if (sorted) {
-        memcpy(sorted, a->cdm2, pixels * sizeof(*sorted));
-        qsort(sorted, pixels, sizeof(*sorted), ascending);
-        top = fmax(sorted[(size_t)(0.99 * (double)(pixels - 1))], 0.01);
-    }
-    mem_free(sorted);
-    return pow(10.0, ceil(log10(top)));
+    if (!pixels)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < width; x++) {
+            const float *v = a->cdm2 + (size_t)y * width + x;
+            const double share = share_of(*v), step = floor(STEPS * share);
+            const bool edge = (x + 1 < width && floor(STEPS * share_of(v[1])) != step) ||
+                              (y + 1 < height && floor(STEPS * share_of(v[width])) != step);
+            uint8_t *rgb = pixels + 3 * ((size_t)y * width + x);
+            false_colour(share, rgb);
+            for (int k = 0; k < 3 && edge; k++)
+                rgb[k] = rgb[k] / 3;
+        }
+    const enum err e = store_png(pixels, width, height, path, why);
+    mem_free(pixels);
+    return e;
 }
 
 enum err annual_image_write(struct annual *a, const struct moment *m, struct reason *why)
 {
-    const double top = ceiling(a);
-    const struct paint_scale scale = { 1e-3 * top, top, true, "CD/M2" };
     const struct annual_image *p = annual_image_of(a, m);
-    const struct view *v = &a->set->view;
-    char name[64], file[96], path[LEDGER_PATH], title[96], when[40];
+    char name[64], file[96], path[LEDGER_PATH];
 
     annual_image_name(p, name, sizeof(name));
     snprintf(file, sizeof(file), "%s.png", name);
@@ -169,7 +185,5 @@ enum err annual_image_write(struct annual *a, const struct moment *m, struct rea
         e = write_hdr(a, m, path, why);
     snprintf(file, sizeof(file), "%s-falsecolour.png", name);
     ledger_path(a->desc.folder, file, path);
-    moment_name(m, when, sizeof(when));
-    snprintf(title, sizeof(title), "LUMINANCE, %s", when);
-    return e ? e : map_luminance(a->cdm2, v->width, v->height, title, &scale, path, why);
+    return e ? e : write_luminance(a, path, why);
 }

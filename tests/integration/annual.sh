@@ -54,8 +54,8 @@ for h, l in zip(hours, lux):
 assert summary["occupied_hours"] == 30 == occupied
 assert abs(float(sensors[0]["daylight_autonomy"]) - autonomous / 30) < 1e-4
 assert summary["sda"] == 1 and abs(summary["mean_daylight_factor"] - 1) < 0.02
-for name in ("index.html", "year-sensors.png", "year-view.png", "year-open.png", "sensors-autonomy.png",
-             "sensors-useful.png", "sensors-sunlit.png", "sensors-factor.png", "picture-0621-1230.png",
+for name in ("index.html", "year-sensors.svg", "year-view.svg", "year-open.svg", "sensors-autonomy.svg",
+             "sensors-useful.svg", "sensors-sunlit.svg", "sensors-factor.svg", "picture-0621-1230.png",
              "picture-0621-1230-falsecolour.png", "picture-0621-1230.hdr", "picture-0621-1210.png"):
     assert (out / name).stat().st_size > 200, name
 assert b"VIEW= -vtv " in (out / "picture-0621-1230.hdr").read_bytes()[:2000]
@@ -177,7 +177,7 @@ for h in csv.DictReader(open(pathlib.Path(sys.argv[1]) / "hours.csv")):
     assert min(1, 5.87e-5 * eye + 0.16) <= dgp + 1e-6 <= 1.000002, h
     assert 0.2 < eye / float(h["open_horizontal_lx"]) < 2, h
 PY
-    [ -s "$work/out/year-glare.png" ] || fail "no map of glare"
+    [ -s "$work/out/year-glare.svg" ] || fail "no map of glare"
 }
 
 "$1"

@@ -1,6 +1,7 @@
 /* Renders the frames of a source to files: the rooms of relightd without a network, for scripts and for tests. */
 #include "base/log.h"
 #include "base/setting_table.h"
+#include "import/sandbox/child.h"
 #include "light/frame/part.h"
 #include "light/radiance/components.h"
 #include "light/radiance/parts.h"
@@ -9,10 +10,12 @@
 #include "sky/source/sky.h"
 #include "year/annual.h"
 
+#include <errno.h>
 #include <omp.h>
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #define LIVE_TRIES 4 /* connections to a live stream before its first image; 3.5 s between them */
 
@@ -384,6 +387,21 @@ static enum err run_annual(struct render *r, struct reason *why)
     return annual_run(&r->annual, why);
 }
 
+/* Maps and a page from the tables: replaces this process by the script. */
+static enum err draw_year(const char *folder)
+{
+    char script[4096], *const arguments[] = { (char[]){ "python3" }, (char[]){ "-B" }, script, (char *)folder, NULL };
+    struct reason why;
+
+    if (child_find("relight-scripts/year.py", NULL, script, sizeof(script), &why) == ERR_OK) {
+        log_info("%s/index.html shows the year", folder);
+        execvp(arguments[0], arguments);
+        (void)err_say(&why, ERR_IO, "python3 cannot be started: %s", strerror(errno));
+    }
+    log_warning("%s; there are tables, but no maps and no page", why.text);
+    return ERR_OK;
+}
+
 /* All ranks of a job render one sequence; alone, this process does. */
 static enum err render_together(struct render *r, int argc, char **argv, struct reason *why)
 {
@@ -410,8 +428,9 @@ static enum err render_together(struct render *r, int argc, char **argv, struct 
     /* Wrong usage is the same on all ranks, and an error that is another rank's is told there. */
     if (e && !(together && (!why->text[0] || (e == ERR_USAGE && ranks_index(ranks) > 0))))
         log_error("%s", why->text[0] ? why->text : err_text(e));
+    const bool draws = !e && r->annual.folder && ranks_index(ranks) == 0;
     ranks_destroy(ranks);
-    return e;
+    return draws ? draw_year(r->annual.folder) : e;
 }
 
 int main(int argc, char **argv)

@@ -2,16 +2,6 @@
 
 #include "support/unit.h"
 
-static void escapes_leave_no_mark_of_html(void **state)
-{
-    struct text t = { .bytes = NULL };
-    (void)state;
-
-    text_add_escaped(&t, "<a href=\"x\">&'\n");
-    assert_string_equal(t.bytes, "&lt;a href=&quot;x&quot;&gt;&amp;&#39; ");
-    text_finish(&t);
-}
-
 /* The vectors of RFC 4648, section 10. */
 static void base64_is_that_of_the_vectors(void **state)
 {
@@ -38,7 +28,6 @@ static void long_text_grows(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(escapes_leave_no_mark_of_html),
     cmocka_unit_test(base64_is_that_of_the_vectors),
     cmocka_unit_test(long_text_grows),
 };
