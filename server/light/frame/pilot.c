@@ -259,8 +259,6 @@ enum err pilot_run(struct pilot *p, const struct environment *e, const struct re
         return result;
     if (!done)
         pilot_choose(p, target);
-    for (int part = 0; part < PILOT_PARTS; part++)
-        measured->part[part].expected_seconds = model_seconds(&p->model[part], p->n[part]);
     if (!done)
         result = make_image(p, light->direct.pass, rgb, stats);
     if (result || is_cancelled(p->light->direct.cancel))

@@ -47,7 +47,7 @@ struct pilot_part_stats {
     bool there;       /* the scene has this part and the request includes it */
     const char *name; /* of the estimator; static; "" if not there */
     double n;         /* mean samples or paths per point; or particles */
-    double seconds, expected_seconds;
+    double seconds;
     double error; /* estimated share of relMSE */
 };
 
@@ -61,7 +61,6 @@ struct pilot_stats {
     bool in_time;         /* the fewest samples take no longer than the target's time */
     bool met;             /* in_time, and neither `error` nor the audit's estimate is above the target's */
     uint32_t readings;    /* of the least measured part, under this sky */
-    double more;          /* expected relMSE in twice the time */
     uint64_t frames;      /* since the sky last changed much, including this one */
 };
 

@@ -123,7 +123,6 @@ void pilot_choose_first(struct pilot *p, bool denoised)
     for (int part = 0; part < PILOT_PARTS; part++)
         p->n[part] = !p->offered[part] ? 0.0 : !denoised && part == PILOT_EYE ? 1.0 : quick(p, part);
     p->budget = (struct budget){ .met = true };
-    p->more = 0.0;
 }
 
 /* A part that is not known yet gets few. */
@@ -218,9 +217,6 @@ void pilot_choose(struct pilot *p, const struct budget_target *target)
     p->denoised = wants_filter(p, target);
     if (p->denoised)
         take_at_least_two_halves(p, left.seconds);
-    struct budget twice;
-    spend(p, &(struct budget_target){ .seconds = 2.0 * p->budget.seconds }, &twice);
-    p->more = twice.error;
 }
 
 double pilot_error(const struct pilot *p)

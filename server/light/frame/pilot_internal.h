@@ -36,7 +36,6 @@ struct pilot {
     double n[PILOT_PARTS];          /* chosen */
     bool denoised;                  /* likewise */
     struct budget budget;           /* of the choice */
-    double more;                    /* pilot_stats.more */
     bool begun;                     /* the first frame has measured */
     double other_s;                 /* seconds from points to pixels, and of the filter; smoothed */
     double frame_s;                 /* seconds of a frame; smoothed */
@@ -85,7 +84,7 @@ double pilot_share(const struct pilot *p);
  * readings if the sky has. */
 void pilot_follow(struct pilot *p);
 void pilot_choose_first(struct pilot *p, bool denoised); /* counts of the quick image */
-/* Sets the counts, their budget and `more`. */
+/* Sets the counts and their budget. */
 void pilot_choose(struct pilot *p, const struct budget_target *target);
 double pilot_error(const struct pilot *p); /* expected relMSE of the choice, without a filter */
 

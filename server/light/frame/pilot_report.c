@@ -38,7 +38,6 @@ void pilot_report(struct pilot *p, const struct budget_target *target, const flo
     out->seconds = p->image_s + p->pilot_s;
     out->error = pilot_error(p);
     out->denoised = p->denoised;
-    out->more = p->more;
     out->frames = p->frames;
     relighter_state_error(p->relighter, p->environment, p->light, true, rgb, stats);
     /* The choice promised the error before the image was measured and audited. */

@@ -54,15 +54,14 @@ static json_t *estimate_stats(const struct render *r, const struct pilot_stats *
     for (int k = 0; k < PILOT_PARTS; k++) {
         const struct pilot_part_stats *part = &s->part[k];
         if (part->there)
-            json_array_append_new(parts, json_pack("{s:s, s:s, s:f, s:f, s:f, s:f}", "part",
+            json_array_append_new(parts, json_pack("{s:s, s:s, s:f, s:f, s:f}", "part",
                                                    pilot_part_name((enum pilot_part)k), "by", part->name, "count",
-                                                   part->n, "ms", 1e3 * part->seconds, "expected_ms",
-                                                   1e3 * part->expected_seconds, "error", part->error));
+                                                   part->n, "ms", 1e3 * part->seconds, "error", part->error));
     }
-    return json_pack("{s:f, s:f, s:f, s:b, s:b, s:I, s:f, s:f, s:f, s:o}", "error", s->error, "wished_error",
+    return json_pack("{s:f, s:f, s:f, s:b, s:b, s:I, s:f, s:f, s:o}", "error", s->error, "wished_error",
                      r->desc.target.error, "wished_ms", 1e3 * r->desc.target.seconds, "met", s->met, "denoised",
                      s->denoised, "readings", (json_int_t)s->readings, "light_ms", 1e3 * s->seconds, "pilot_ms",
-                     1e3 * s->pilot_seconds, "error_in_twice_the_time", s->more, "parts", parts);
+                     1e3 * s->pilot_seconds, "parts", parts);
 }
 
 /* What was computed beforehand, and what this frame did with it. */
