@@ -11,12 +11,6 @@
 
 /* ---- Skins ---- */
 
-void skin_finish(struct skin *s)
-{
-    mem_free(s->matrices);
-    *s = (struct skin){ 0 };
-}
-
 /* Without matrices of its own a joint's is the identity. */
 static enum err read_bind(struct gltf *g, const struct gltf_at *at, size_t joints, struct gltf_accessor *out)
 {

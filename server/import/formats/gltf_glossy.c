@@ -69,11 +69,6 @@ static uint8_t to_byte(float v)
     return (uint8_t)(share_of(v) * 255.0f + 0.5f);
 }
 
-static uint8_t encode(float v)
-{
-    return to_byte((float)srgb_encode(v));
-}
-
 /* The texel of an image at a place of a larger one; white without an image. */
 static const uint8_t *texel_at(const struct texture *t, uint32_t x, uint32_t y, uint32_t width, uint32_t height)
 {
@@ -105,7 +100,7 @@ static void convert_texels(const struct glossy *g, struct texture *base, struct 
             }
             glossy_convert(diffuse, specular, g->glossiness * (float)s[3] / 255.0f, &t);
             for (int k = 0; k < 3; k++)
-                base->texels[at + (size_t)k] = encode(t.base[k]);
+                base->texels[at + (size_t)k] = to_byte((float)srgb_encode(t.base[k]));
             base->texels[at + 3] = base->values == TEXTURE_CUTOUT ? d[3] : UINT8_MAX;
             const uint8_t numbers[4] = { 0, to_byte(t.roughness), to_byte(t.metallic), 255 };
             memcpy(roughness->texels + at, numbers, sizeof(numbers));

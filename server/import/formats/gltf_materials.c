@@ -444,7 +444,7 @@ enum err gltf_add_materials(struct gltf *g)
     }
     if (!e)
         name_notes(&s);
-    gltf_images_finish(&s.images);
+    mem_free(s.images.known);
     mem_free(s.glossy);
     return e;
 }

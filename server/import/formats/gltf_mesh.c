@@ -346,6 +346,6 @@ enum err gltf_add_mesh(struct gltf *g, size_t mesh, const struct gltf_at *node, 
             e = add_primitive(g, &p, &places, &with);
     }
     places_finish(&places);
-    skin_finish(&skin);
+    mem_free(skin.matrices);
     return e;
 }

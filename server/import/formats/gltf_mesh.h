@@ -69,9 +69,8 @@ MUST_CHECK enum err place_again(struct gltf *g, uint32_t mesh, const char *name,
 
 /* ---- gltf_deform.c: morph targets and skins, as the nodes stand ---- */
 
-/* The node's skin; none: count 0. Needs g->worlds. ERR_FORMAT, ERR_NOMEM. */
+/* The node's skin, whose matrices the caller frees; none: count 0. Needs g->worlds. ERR_FORMAT, ERR_NOMEM. */
 MUST_CHECK enum err skin_load(struct gltf *g, const struct gltf_at *node, struct skin *out);
-void skin_finish(struct skin *s); /* zeroed memory is allowed */
 /* Moves the vertices. ERR_FORMAT, ERR_NOMEM. */
 MUST_CHECK enum err primitive_deform(struct gltf *g, const struct primitive *p, struct mesh *m);
 

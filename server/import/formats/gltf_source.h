@@ -13,11 +13,9 @@ struct gltf_known_image;
 
 struct gltf_images { /* zeroed but for g at first */
     struct gltf *g;
-    struct gltf_known_image *known;
+    struct gltf_known_image *known; /* the caller frees the list, not the scene's textures */
     size_t count, room;
 };
-
-void gltf_images_finish(struct gltf_images *s); /* frees the list, not the scene's textures */
 
 struct gltf_numbers { /* a texture of numbers: TEXTURE_LINEAR */
     bool found;       /* false: it cannot be read; the rest is zero, and a warning was logged */

@@ -290,9 +290,3 @@ enum err gltf_texture_image(struct gltf_images *s, const struct gltf_at *at, con
     out->wrap_v = use.wrap_v;
     return e || !out->texture.texels ? e : read_transform(s, at, &out->surface);
 }
-
-void gltf_images_finish(struct gltf_images *s)
-{
-    mem_free(s->known);
-    *s = (struct gltf_images){ 0 };
-}

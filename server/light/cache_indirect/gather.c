@@ -162,11 +162,6 @@ static void gatherer_init(struct gatherer *g, const struct indirect_build *b)
 
 /* ---- The basis ---- */
 
-static uint32_t rows_of_block(const struct indirect_build *b, uint32_t k)
-{
-    return b->b->blocks[k].rows;
-}
-
 /* Point i: the first effort.basis_points are spread evenly over the blocks, then basis_records over the records. */
 static bool basis_point(const struct indirect_build *b, uint32_t i, struct point *out)
 {
@@ -182,7 +177,7 @@ static bool basis_point(const struct indirect_build *b, uint32_t i, struct point
         const struct indirect_block *block = &t->blocks[k];
         const struct shade_packet *p =
             &t->gbuffer->packets[block->first + slot % TRANSPORT_POINTS / PACKET % block->packets];
-        *out = point_of(p, (uint32_t)(slot % PACKET) % p->count, rows_of_block(b, k));
+        *out = point_of(p, (uint32_t)(slot % PACKET) % p->count, block->rows);
         return true;
     }
     if (b->records.count == 0)

@@ -244,7 +244,7 @@ static enum err run_stored(struct beside *b, struct relight_caustics *c, const s
         result = relight_caustics_grow(c, b->grows, turn > 0 ? GROW_S : 0.0, stats);
     if (!b->stored_by || result)
         return result;
-    result = relight_caustics_half(c, e, k, b->image);
+    result = caustic_store_light_half(c->store, e, c->sky.level, k, b->image);
     move_splats(b, b->stored[k]);
     return result;
 }

@@ -88,11 +88,6 @@ enum err changes_take(struct changes *c, const struct relighter *r, const struct
     return ERR_OK;
 }
 
-void changes_forget(struct changes *c)
-{
-    c->begun = false;
-}
-
 void changes_finish(struct changes *c)
 {
     mem_free(c->before);

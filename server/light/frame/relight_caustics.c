@@ -149,11 +149,6 @@ enum err relight_caustics_take(struct relight_caustics *c, const struct environm
     return sky_split_begin(&c->sky, e);
 }
 
-enum err relight_caustics_half(struct relight_caustics *c, const struct environment *e, uint32_t half, float *rgb)
-{
-    return caustic_store_light_half(c->store, e, c->sky.level, half, rgb);
-}
-
 enum err relight_caustics_run(struct relight_caustics *c, struct light_tracer *light, const struct environment *e,
                               const struct relight_desc *desc, float *rgb, struct relight_stats *stats)
 {

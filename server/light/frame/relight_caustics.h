@@ -33,14 +33,10 @@ bool relight_caustics_serve(const struct relight_caustics *c);
 MUST_CHECK enum err relight_caustics_take(struct relight_caustics *c, const struct environment *e,
                                           const struct relight_desc *desc);
 
-/* Adds the light of one half of the store, 0 or 1, to rgb, as far as it has grown, under the sky taken. ERR_NOMEM. */
-MUST_CHECK enum err relight_caustics_half(struct relight_caustics *c, const struct environment *e, uint32_t half,
-                                          float *rgb);
-
 /* The light tracer's description for the sun of e, which gets its energy share of `particles`, under the sky
  * taken. */
 struct light_tracer_desc relight_caustics_sun(const struct relight_caustics *c, const struct environment *e,
-                                                 const struct relight_desc *desc, uint64_t particles);
+                                              const struct relight_desc *desc, uint64_t particles);
 
 /* Builds the store for these classes if it is missing, and adds the milliseconds to *ms. progress: draw a line.
  * ERR_RANGE: a few paths would exceed the memory limit. Cancellation may leave it incomplete and is not an error. */

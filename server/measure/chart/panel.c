@@ -104,13 +104,14 @@ static void begin(struct runs *r)
     size_t count;
     const struct technique *all = technique_all(&count);
 
-    r->out = json_pack(
-        "{s:o, s:o, s:s, s:s, s:i, s:i, s:i, s:I, s:I, s:f, s:f, s:f, s:f, s:{s:[], s:[], s:[], s:[]}, s:[]}", "scene",
-        script_text(d->scene), "source", script_text(d->source), "light", light_class_name(d->light_class), "pace",
-        technique_pace(d->light_class)->name, "width", (int)r->width, "height", (int)r->height, "seeds", (int)r->seeds,
-        "points", (json_int_t)set->gbuffer->point_count, "gbuffer_bytes", (json_int_t)set->gbuffer->bytes, "load_ms",
-        set->load_ms, "bvh_ms", set->bvh_ms, "gbuffer_ms", set->gbuffer_ms, "table_ms", d->table_ms, "common_ms",
-        "decode", "rebuild", "tone", "encode", "curves");
+    r->out =
+        json_pack("{s:o, s:o, s:s, s:s, s:i, s:i, s:i, s:I, s:I, s:f, s:f, s:f, s:f, s:{s:[], s:[], s:[], s:[]}, s:[]}",
+                  "scene", script_text(d->scene), "source", script_text(d->source), "light",
+                  d->light_class == LIGHT_DIRECT ? "direct" : "all", "pace", technique_pace(d->light_class)->name,
+                  "width", (int)r->width, "height", (int)r->height, "seeds", (int)r->seeds, "points",
+                  (json_int_t)set->gbuffer->point_count, "gbuffer_bytes", (json_int_t)set->gbuffer->bytes, "load_ms",
+                  set->load_ms, "bvh_ms", set->bvh_ms, "gbuffer_ms", set->gbuffer_ms, "table_ms", d->table_ms,
+                  "common_ms", "decode", "rebuild", "tone", "encode", "curves");
     r->common = json_object_get(r->out, "common_ms");
     for (size_t t = 0; t < count; t++)
         if (all[t].light_class == d->light_class && technique_listed(d->techniques, &all[t]))
@@ -165,7 +166,7 @@ struct truth_desc panel_truth(const struct panel_desc *d)
         .set = d->set,
         .environment = d->environment,
         .frame = d->frame,
-        .classes = light_class_paths(d->light_class),
+        .classes = d->light_class == LIGHT_DIRECT ? PATH_BACKGROUND | PATH_DIRECT : PATH_ALL,
         .samples = d->truth_samples,
         .cache = d->cache,
         .line = d->line,

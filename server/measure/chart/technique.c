@@ -66,16 +66,6 @@ static const struct technique techniques[] = {
     { "vpl", "virtual point lights, dim in corners", IMAGE_ALL, .colour = 0xc79a00, .light.direct.method = METHOD_VPL },
 };
 
-const char *light_class_name(enum light_class c)
-{
-    return c == LIGHT_DIRECT ? "direct" : "all";
-}
-
-uint32_t light_class_paths(enum light_class c)
-{
-    return c == LIGHT_DIRECT ? PATH_BACKGROUND | PATH_DIRECT : PATH_ALL;
-}
-
 const struct technique *technique_all(size_t *count)
 {
     *count = sizeof(techniques) / sizeof(techniques[0]);

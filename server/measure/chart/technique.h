@@ -17,9 +17,6 @@ enum light_class {
     LIGHT_CLASSES,
 };
 
-const char *light_class_name(enum light_class c); /* "direct", "all" */
-uint32_t light_class_paths(enum light_class c);   /* PATH_* */
-
 enum technique_kind {
     TECHNIQUE_FIXED,    /* the lower envelope is that of these */
     TECHNIQUE_BASELINE, /* for comparison: paths, Metropolis, photons, point lights */

@@ -27,12 +27,6 @@ void encode_publish(struct encode_thread *t, struct shaded *in, unsigned track, 
     server_publish_for(t->shared->server, p, &in->ticket);
 }
 
-/* The producer must not wait for an image that failed to encode. Does nothing after server_publish_for. */
-static void close_ticket(struct encode_thread *t, const struct shaded *in)
-{
-    server_frame_fate(t->shared->server, &in->ticket, SERVER_REFUSED, "its image could not be encoded");
-}
-
 /* Exposure and tone curve for the image; lockstep images use the initial settings. */
 static struct settings display_settings(struct encode_thread *t, const struct shaded *in)
 {
@@ -234,7 +228,8 @@ void encode_image(struct encode_thread *t, struct shaded *in)
         }
     }
     encode_changes(t, in);
-    close_ticket(t, in);
+    /* The producer must not wait for an image that failed to encode. Does nothing after server_publish_for. */
+    server_frame_fate(t->shared->server, &in->ticket, SERVER_REFUSED, "its image could not be encoded");
     status_image_encoded(&t->shared->status, ms);
     for (unsigned scale = 1; scale < SERVER_SCALES; scale++)
         encode_small(t, in, scale, &demand, quality);

@@ -85,7 +85,7 @@ static bool wants_frame(struct pull *p)
 /* Whether to end the wait for the next frame early. */
 static bool is_interrupted(struct pull *p)
 {
-    return shared_is_stopping(p->shared) || settings_has_source_request(&p->shared->settings) ||
+    return shared_is_stopping(p->shared) || atomic_load(&p->shared->settings.request_waiting) ||
            settings_now(&p->shared->settings).paused;
 }
 

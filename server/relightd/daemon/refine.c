@@ -28,11 +28,6 @@ void refine_open(struct shade_thread *t, const struct shown_image *shown)
     r->begun = false;
 }
 
-void refine_close(struct shade_thread *t)
-{
-    t->refine.open = false;
-}
-
 void refine_forget(struct shade_thread *t)
 {
     t->refine.known = t->refine.open = t->refine.begun = false;

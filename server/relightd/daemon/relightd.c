@@ -126,14 +126,14 @@ static enum err prepare(struct daemon *d, struct reason *why)
         e = shade_thread_prepare(d->shade, why);
     if (e)
         return e;
-    const char *camera = shade_thread_camera(d->shade);
-    s->settings.scene = shade_thread_scene(d->shade);
+    const struct prepared_scene *set = shade_thread_set(d->shade);
+    s->settings.scene = set->scene;
     s->settings.estimate = shade_thread_estimate;
     s->settings.estimate_user = d->shade;
-    status_set_cameras(&s->status, &s->settings, camera);
-    status_set_view(&s->status, shade_thread_view(d->shade));
-    settings_set_camera(&s->settings, camera);
-    state_open(&d->state, &s->config, &s->settings, camera);
+    status_set_cameras(&s->status, &s->settings, set->camera);
+    status_set_view(&s->status, set->placed);
+    settings_set_camera(&s->settings, set->camera);
+    state_open(&d->state, &s->config, &s->settings, set->camera);
     settings_send(&s->settings);
     status_set_source(&s->status, SERVER_WAITING,
                       s->config.push ? "no producer has sent a frame yet" : "the first frame of the sky is being read");

@@ -39,11 +39,6 @@ struct source_request settings_take_source_request(struct settings_store *store)
     return m;
 }
 
-bool settings_has_source_request(struct settings_store *store)
-{
-    return atomic_load(&store->request_waiting);
-}
-
 /* Says in *clause which one of PROTOCOL.md it is that cannot be obeyed. */
 static enum err refuse(const char **clause, const char *which, enum err e)
 {
@@ -151,16 +146,6 @@ bool settings_cost_too_much(struct settings_store *store, const struct settings 
     err_say(why, ERR_USAGE, "an image would take some %.*f s, more than the limit of %g s", seconds < 10.0, seconds,
             most);
     return true;
-}
-
-void settings_set_proven(struct settings_store *store, uint64_t light_version)
-{
-    atomic_store(&store->proven, light_version);
-}
-
-bool settings_are_proven(struct settings_store *store)
-{
-    return atomic_load(&store->proven) == settings_now(store).light_version;
 }
 
 static enum err check_cost(struct settings_store *store, const struct server_control *c, const struct settings *s,

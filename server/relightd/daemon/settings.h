@@ -49,7 +49,7 @@ struct settings_store {
     unsigned view_count;                  /* {lock} */
     atomic_bool views_changed;            /* since the last settings_take_views */
     atomic_bool request_waiting;
-    atomic_uint_least64_t proven; /* the latest light_version with a finished image */
+    atomic_uint_least64_t proven; /* the latest light_version with a finished image; others are not saved */
     atomic_int jpeg_quality;      /* 1..100, for viewers that do not choose one */
 };
 
@@ -84,11 +84,6 @@ bool settings_take_views(struct settings_store *store); /* whether they have cha
  * settings; *why then explains it. Thread: that of the estimate. */
 bool settings_cost_too_much(struct settings_store *store, const struct settings *s, struct reason *why);
 
-/* Reports that an image with settings of that light_version was finished. Settings without a finished image are not
- * saved for the next start. */
-void settings_set_proven(struct settings_store *store, uint64_t light_version);
-bool settings_are_proven(struct settings_store *store);
-
 /* Sends everyone the current settings. */
 void settings_send(struct settings_store *store);
 
@@ -97,7 +92,6 @@ void settings_replace(struct settings_store *store, const struct settings *to);
 
 /* Returns and clears the pending request to move within the source. */
 struct source_request settings_take_source_request(struct settings_store *store);
-bool settings_has_source_request(struct settings_store *store);
 
 /* Applies one control message without sending anything. ERR_USAGE: *why explains it; the settings are unchanged. */
 MUST_CHECK enum err settings_apply(struct settings_store *store, const struct server_control *asked,

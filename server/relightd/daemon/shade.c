@@ -106,7 +106,7 @@ static void find_changes(struct shade_thread *t, struct shaded *out, const struc
     shared_demand(t->shared, &demand);
     const bool asked = demand.formats >> PROTOCOL_CHANGES & 1 && !lockstep;
     if (!asked || first)
-        changes_forget(&t->changes);
+        t->changes.begun = false;
     out->has_changes = asked && !changes_take(&t->changes, t->relighter, &l->stats, out->rgb);
     if (out->has_changes)
         changes_paint(&t->changes, out->changes);
@@ -135,7 +135,7 @@ static void publish(struct shade_thread *t, int slot, const struct ingested *in,
     if (!measured && !light->denoise) /* what the filter takes, no setting asks for */
         cost_learn(&t->cost, (in->ticket.lockstep ? t->first_set : t->set)->facts.points, light, &l->stats);
     if (!in->ticket.lockstep)
-        settings_set_proven(&shared->settings, l->settings.light_version);
+        atomic_store(&shared->settings.proven, l->settings.light_version);
     decider_learn(&t->decider, t->relighter, &l->request, &l->stats, &l->pilot);
     const double since_s = t->shaded_s > 0.0 ? now_s - t->shaded_s : 0.0;
     refine_open(t, &(struct shown_image){ in, out, *light, header, now_s, since_s });
@@ -240,7 +240,7 @@ static enum err shade_next(struct shade_thread *t, double due_s, double now_s, s
 {
     struct frame_slots *frames = &t->shared->frames;
 
-    refine_close(t);
+    t->refine.open = false;
     if (t->cut_s > 0.0)
         server_frame_fate(t->shared->server, &frames->slot[t->held].ticket, SERVER_SUPERSEDED, NULL);
     if (t->held != HANDOFF_NONE)
@@ -379,19 +379,9 @@ struct relighter *shade_thread_relighter(struct shade_thread *t)
     return t->first_relighter;
 }
 
-const struct scene *shade_thread_scene(const struct shade_thread *t)
+const struct prepared_scene *shade_thread_set(const struct shade_thread *t)
 {
-    return t->first_set->scene;
-}
-
-const char *shade_thread_view(const struct shade_thread *t)
-{
-    return t->set->placed;
-}
-
-const char *shade_thread_camera(const struct shade_thread *t)
-{
-    return t->set->camera;
+    return t->set;
 }
 
 enum err shade_thread_prepare(struct shade_thread *t, struct reason *why)

@@ -7,9 +7,9 @@
 #include <stdbool.h>
 
 struct environment;
+struct prepared_scene;
 struct relight_desc;
 struct relighter;
-struct scene;
 struct settings;
 struct shade_thread;
 struct shared;
@@ -18,10 +18,8 @@ struct shared;
  * it. Errors are those of set_create; ERR_NOMEM. */
 MUST_CHECK enum err shade_thread_create(struct shared *shared, struct shade_thread **out, struct reason *why);
 
-/* The scene and the current camera. Owned by t. */
-const struct scene *shade_thread_scene(const struct shade_thread *t);
-const char *shade_thread_camera(const struct shade_thread *t);
-const char *shade_thread_view(const struct shade_thread *t); /* the current camera as a free view */
+/* The scene before the current camera. Owned by t. */
+const struct prepared_scene *shade_thread_set(const struct shade_thread *t);
 
 /* The relighter of the first view, which stays in a job. Owned by t. */
 struct relighter *shade_thread_relighter(struct shade_thread *t);

@@ -135,8 +135,6 @@ struct shade_thread {
 /* Call it after publishing an image of a new frame: refinement may run while no newer frame arrives. Thread: shade, as
  * for all functions below. */
 void refine_open(struct shade_thread *t, const struct shown_image *shown);
-/* Call it when taking a newer frame. */
-void refine_close(struct shade_thread *t);
 /* Call it when the view has changed, so that the displayed image no longer matches. */
 void refine_forget(struct shade_thread *t);
 /* Republishes the current image with another tone curve or exposure. Does nothing for a lockstep image. */

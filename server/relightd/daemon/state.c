@@ -179,7 +179,7 @@ void state_open(struct state_file *f, const struct daemon_config *config, struct
     else if (f->text)
         log_info("%s: the previous settings are restored", f->path);
     if (!e && !stale && f->text) /* an image was finished by it, else it would not be in the file */
-        settings_set_proven(settings, settings_now(settings).light_version);
+        atomic_store(&settings->proven, settings_now(settings).light_version);
     if (!f->text)
         f->text = text_of(f); /* nothing to keep until something changes */
 }
@@ -188,7 +188,8 @@ void state_save(struct state_file *f)
 {
     struct reason why = { "" };
 
-    if (!f->config || !f->text || clock_seconds() < f->retry_s || !settings_are_proven(f->settings))
+    if (!f->config || !f->text || clock_seconds() < f->retry_s ||
+        atomic_load(&f->settings->proven) != settings_now(f->settings).light_version)
         return;
     char *text = text_of(f);
     if (!text || strcmp(text, f->text) == 0) {

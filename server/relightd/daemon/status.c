@@ -276,12 +276,6 @@ static void note_sun(struct server_figures *f, const struct ingested *in)
     snprintf(f->sky_time, sizeof(f->sky_time), "%02u:%02u", (unsigned)f->hour % 24u, (unsigned)(f->hour * 60.0) % 60u);
 }
 
-/* {lock} The methods that read a lat-long map are no choice for another one. */
-static void note_methods(struct server_figures *f, const struct environment *e)
-{
-    f->not_offered = environment_is_latlong(e) ? NULL : panoramic;
-}
-
 /* {lock} Rays and samples of one image, and what its stages took. */
 static void note_work(struct status_board *b, const struct image_report *report)
 {
@@ -330,7 +324,7 @@ void status_image_shaded(struct status_board *b, const struct image_report *repo
     if (report->interval_s > 0.0)
         s->fps = 1.0 / smooth(s->fps > 0.0 ? 1.0 / s->fps : 0.0, report->interval_s);
     note_sun(s, report->in);
-    note_methods(s, report->in->environment);
+    s->not_offered = environment_is_latlong(report->in->environment) ? NULL : panoramic; /* methods for lat-long maps */
     note_plan(s, report);
     note_work(b, report);
     s->audit_s += stats->audited.processor_s;

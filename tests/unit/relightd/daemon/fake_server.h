@@ -236,9 +236,9 @@ static void rig_load(struct rig *r)
     struct reason why;
 
     assert_int_equal(shade_thread_create(s, &r->shade, &why), ERR_OK);
-    s->settings.scene = shade_thread_scene(r->shade);
-    settings_set_camera(&s->settings, shade_thread_camera(r->shade));
-    status_set_cameras(&s->status, &s->settings, shade_thread_camera(r->shade));
+    s->settings.scene = shade_thread_set(r->shade)->scene;
+    settings_set_camera(&s->settings, shade_thread_set(r->shade)->camera);
+    status_set_cameras(&s->status, &s->settings, shade_thread_set(r->shade)->camera);
 }
 
 static void rig_end(struct rig *r)
