@@ -28,7 +28,7 @@ struct frame_request { /* zeroed: sample counts, the number of frames unknown */
     /* By decide: */
     enum decided_by by;
     const char *why;           /* a phrase; static */
-    struct relight_desc light; /* what was asked, or that of the cache */
+    struct relight_desc light; /* the request, or that of the cache */
 };
 
 struct decider {         /* zero it first; decider_finish frees it */
