@@ -198,7 +198,7 @@ static void set_up(struct study *s, const struct flags *o)
 /* The mean light of the matte points, for relMSE's floor. */
 static double mean_light(struct study *s)
 {
-    const struct transport_frame frame = { .samples = 1 };
+    const struct transport_frame frame = { .end = 0 };
     const struct gbuffer *g = s->set->gbuffer;
     float *lo = mem_alloc((size_t)g->packet_count * 3 * PACKET, sizeof(float));
     struct transport_frame_stats stats;

@@ -13,11 +13,12 @@
 #define TRANSPORT_ROWS 3    /* those listed above */
 #define TRANSPORT_PACKETS 4 /* of a block, the sharing of V: 64 points */
 #define TRANSPORT_POINTS (TRANSPORT_PACKETS * PACKET)
-#define TRANSPORT_TOGETHER 4   /* rows of V that are stored side by side */
-#define TRANSPORT_VARIANTS 256 /* sample sequences of the sun */
-#define TRANSPORT_UNIT 4       /* directions of a unit (transport_directions) */
-#define TRANSPORT_GAZES 32     /* stored directions of a narrow lobe */
-#define TRANSPORT_MORE 4       /* strata of the sun per ray of the first round; a power of two */
+#define TRANSPORT_TOGETHER 4 /* rows of V that are stored side by side */
+#define TRANSPORT_UNIT 4     /* directions of a unit (transport_directions) */
+#define TRANSPORT_GAZES 32   /* stored directions of a narrow lobe */
+#define SUN_SAMPLES 32       /* that the sun counts as, beside the gazes of narrow lobes */
+#define SUN_EDGE 4           /* directions along a tile's edge (sun.c) */
+#define SUN_TILE (SUN_EDGE * SUN_EDGE)
 
 /* A block's row as traced, before compression: [cell][point]. */
 struct transport_matrix {
@@ -94,17 +95,30 @@ struct transport_world {     /* input of tracing; borrowed */
     const float (*gaze_numbers)[2]; /* [TRANSPORT_GAZES]: the same for gazes */
 };
 
-/* Samples of a frame's sun: [strata][TRANSPORT_VARIANTS]. Each stratum has an equal share of its energy. */
+/* Directions to the sun: a square part of a grid on a face of the sky. */
+struct sun_tile {
+    uint32_t key;                                /* grid, face, row and column */
+    float axis[3], sine;                         /* a cone that contains it: unit; of its radius */
+    float x[SUN_TILE], y[SUN_TILE], z[SUN_TILE]; /* unit: centres of the grid's squares, row by row */
+    _Alignas(64) float ray[SUN_TILE][3][PACKET]; /* where each lane looks, within the square */
+    uint64_t cells[SKY_CELLS / 64];              /* bits of the cells that contain part of it */
+};
+
+/* Light of a frame's sun in a tile. */
+struct sun_part {
+    uint32_t key, tile;      /* of sun_tile; its place in the index */
+    uint32_t asked;          /* bits of the directions with light */
+    float colour[3];         /* of luminance 1 */
+    float flux[3];           /* integral of luminance times direction */
+    float weight[SUN_TILE];  /* integral of luminance over the square */
+    float density[SUN_TILE]; /* sr^-1, of SUN_SAMPLES samples by luminance: for the balance heuristic */
+};
+
 struct transport_sun {
-    uint32_t strata;              /* TRANSPORT_MORE * few; 0: no sun */
-    uint32_t few;                 /* samples of a point where no shadow is near */
-    float *x, *y, *z, *r, *g, *b; /* direction, radiance / density */
-    float *density;               /* sr^-1, sum over all `few` */
-    uint64_t seed;
-    uint64_t cells[SKY_CELLS / 64]; /* bits of the cells that contain part of it */
-    /* A cone that contains the whole sun. Points that see the whole cone get its light in closed form. */
-    float axis[3], cosine, sine; /* unit; of the radius. Too wide a cone: -2 and 2, which no direction meets */
-    float flux[3][3];            /* per colour: the integral of radiance times direction */
+    uint32_t count; /* parts; 0: no sun */
+    struct sun_part *parts;
+    /* A cone that contains the whole sun: unit. Too wide a cone: -2, which all directions meet. */
+    float axis[3], cosine;
 };
 
 /* A frame's sky for narrow lobes, which look it up texel by texel. */
@@ -112,7 +126,7 @@ struct transport_look {
     const struct environment *environment;
     float level; /* of sky_split */
     const struct transport_sun *sun;
-    double per_energy; /* few n^2 / 4 / energy of the sun; 0: no sun */
+    double per_energy; /* SUN_SAMPLES n^2 / 4 / energy of the sun; 0: no sun */
 };
 
 /* Floats before V: the gains, in whole cache lines. */
@@ -135,31 +149,19 @@ struct transport_view {
     uint32_t lit, dark;
 };
 
-/* A range of samples: of groups[0] .. groups[1] - 1, each of TRANSPORT_MORE consecutive strata, the turns[0] ..
- * turns[1] - 1 th stratum that a point uses. The order within a group depends on the point's variant, so that over many
- * points all strata are used equally. */
-struct transport_round {
-    uint32_t groups[2], turns[2];
-};
-
 struct sun_kernels {
-    /* Adds the light of a round of samples to sum[3][16], before division by their number, and their visibility to
-     * *view. Returns the number of rays. rays: NULL if everything is visible. narrow: the packet has gazes too, and the
-     * lobes count with their balance heuristic share. variant: per lane, below TRANSPORT_VARIANTS. */
-    uint64_t (*light)(const struct rays *rays, const struct transport_sun *b, const struct shade_packet *p, bool narrow,
-                      const uint32_t variant[PACKET], const struct transport_round *round, float sum[3][PACKET],
-                      struct transport_view *view);
-    /* Writes the light of a LOBE_LAMBERT packet that sees all of the sun to sum[3][16], without sampling.
-     * False, and nothing is written, if a horizon cuts its cone. */
-    bool (*open)(const struct transport_sun *b, const struct shade_packet *p, float sum[3][PACKET]);
-    /* Finds a block's points near the edge of a shadow: near[count] receives bits of the lanes that see only a part of
-     * the sun, and of the lanes whose visibility differs from a neighbour's. */
-    void (*edges)(const struct shade_packet *packets, uint32_t count, const struct transport_view *view,
-                  uint32_t near[TRANSPORT_PACKETS]);
-    /* Traces one ray to the sun from each of 16 points, spread over a block's packets. Returns the number of
-     * rays. */
-    uint64_t (*probe)(const struct rays *rays, const struct transport_sun *b, const struct shade_packet *packets,
-                      uint32_t count, const uint32_t variant[PACKET], struct transport_view *view);
+    /* Looks from some lanes of a packet along some of a tile's directions: their bits of bits[direction] become 1 if
+     * they see the sky, above their horizons; *view adds them up. Returns the number of rays. rays: NULL if everything
+     * is visible. */
+    uint64_t (*trace)(const struct rays *rays, const struct sun_tile *t, const struct shade_packet *p,
+                      uint32_t directions, uint32_t lanes, uint16_t bits[SUN_TILE], struct transport_view *view);
+    /* One ray to the tile from each of 16 points, spread over a block's packets. Returns the number of rays. */
+    uint64_t (*probe)(const struct rays *rays, const struct sun_tile *t, const struct shade_packet *packets,
+                      uint32_t count, struct transport_view *view);
+    /* Adds the light of a part of the sun to lo[3][16]. bits: as traced; NULL: everything above the horizons is
+     * visible. narrow: the packet has gazes too, and the lobes count with their balance heuristic share. */
+    void (*light)(const struct sun_part *s, const struct sun_tile *t, const struct shade_packet *p, bool narrow,
+                  const uint16_t *bits, float *lo);
 };
 
 /* Indirect light of a block's rows, before multiplication by colours. Negative entries, which compression may cause,
@@ -247,8 +249,9 @@ struct transport {
 
     struct sky_split sky; /* of the last frame */
     struct transport_sun sun;
-    float *sun_values;     /* memory of bright's seven arrays */
-    uint32_t sun_capacity; /* samples in each */
+    uint32_t sun_capacity; /* of sun.parts */
+    struct sun_index *index;
+    uint64_t index_bytes; /* beyond which it forgets tiles that no frame asks for any more */
 };
 
 /* Channel c of the colour that multiplies a row at lane l. */
@@ -268,8 +271,8 @@ static inline float transport_mean_colour(const struct shade_packet *p, uint32_t
 /* desc with its defaults filled in. */
 struct transport_desc transport_resolve(const struct transport_desc *desc);
 
-/* Creates a cache with the layout of its blocks, but without pieces. Reads only no_visibility of desc. Free with
- * transport_destroy. NULL when out of memory. */
+/* Creates a cache with the layout of its blocks, but without pieces. Reads only no_visibility and max_bytes of desc.
+ * Free with transport_destroy. NULL when out of memory. */
 struct transport *transport_begin(const struct gbuffer *g, const struct rays *rays, const struct kernels *kernels,
                                   const struct transport_desc *desc);
 
@@ -340,13 +343,16 @@ void transport_scales(const struct gbuffer *g, const struct transport_block *blo
 MUST_CHECK enum err transport_compress(struct transport_workspace *w, struct transport_matrix *m, uint32_t points,
                                        const float *scale, double allowed, struct transport_piece *out);
 
-/* Draws the frame's samples of the sun of t->sky. Uses all OpenMP threads. ERR_NOMEM. */
-MUST_CHECK enum err transport_sun_draw(struct transport *t, const struct environment *e,
-                                       const struct transport_frame *f);
+/* Divides the sun of t->sky into parts, whose tiles the index then has. ERR_NOMEM. */
+MUST_CHECK enum err transport_sun_take(struct transport *t, const struct environment *e);
 
 /* Adds the block's light from the sun to lo[packets][3][16] and the number of rays to *rays. Returns the number
- * of packets in penumbrae. Thread: any. */
-uint32_t transport_sun_add(const struct transport *t, const struct transport_block *b, float *lo, uint64_t *rays);
+ * of packets in penumbrae. Thread: any, one per block. */
+uint32_t transport_sun_add(struct transport *t, uint32_t block, float *lo, uint64_t *rays);
+
+/* Forgets what a block, which has changed, sees of the sun. */
+void transport_sun_forget(struct transport *t, uint32_t block);
+void transport_sun_finish(struct transport *t); /* frees sun and index */
 
 /* Bytes of a piece, of the gazes of a block, and of a block with all pieces and gazes. */
 uint64_t transport_piece_bytes(const struct transport_piece *q, uint32_t points);

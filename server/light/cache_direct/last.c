@@ -21,10 +21,9 @@ struct transport_last {
     bool moved;              /* because all of the sky counts as changed */
     uint64_t changed[WORDS]; /* chunks of the sky that differ from the last frame's */
     _Alignas(64) float cells[SKY_CHUNKS][3][SKY_CHUNK];
-    struct transport_sun sun; /* with `values` as its arrays */
-    float *values;
-    uint32_t capacity;
-    const void *indirect; /* whose; NULL: none */
+    struct transport_sun sun; /* with parts of its own */
+    uint32_t capacity;        /* of them */
+    const void *indirect;     /* whose; NULL: none */
     float *coefficients;
     uint32_t coefficient_count;
     uint64_t (*sees)[WORDS]; /* [block_count]: chunks of the sky that reach the block */
@@ -36,7 +35,7 @@ void transport_last_destroy(struct transport_last *l)
 {
     if (!l)
         return;
-    mem_free(l->values);
+    mem_free(l->sun.parts);
     mem_free(l->coefficients);
     mem_free(l->sees);
     mem_free(l->states);
@@ -47,19 +46,9 @@ void transport_last_destroy(struct transport_last *l)
 
 /* ---- What has changed ---- */
 
-static bool same_samples(const struct transport_sun *a, const struct transport_sun *b)
+static bool same_sun(const struct transport_sun *a, const struct transport_sun *b)
 {
-    const float *const ours[] = { a->x, a->y, a->z, a->r, a->g, a->b, a->density }, *const theirs[] = {
-        b->x, b->y, b->z, b->r, b->g, b->b, b->density
-    };
-    const size_t bytes = (size_t)a->strata * TRANSPORT_VARIANTS * sizeof(float);
-    bool same = a->strata == b->strata && a->few == b->few && a->seed == b->seed;
-
-    for (int k = 0; k < 7 && same && bytes; k++)
-        same = memcmp(ours[k], theirs[k], bytes) == 0;
-    return same && (bytes == 0 || (memcmp(a->cells, b->cells, sizeof(a->cells)) == 0 &&
-                                   memcmp(a->axis, b->axis, sizeof(a->axis)) == 0 && a->cosine == b->cosine &&
-                                   a->sine == b->sine && memcmp(a->flux, b->flux, sizeof(a->flux)) == 0));
+    return a->count == b->count && (a->count == 0 || memcmp(a->parts, b->parts, a->count * sizeof(*a->parts)) == 0);
 }
 
 static bool same_indirect(const struct transport_last *l, const struct transport_indirect *i)
@@ -86,26 +75,22 @@ static uint32_t compare_cells(struct transport_last *l, const struct sky_split *
 
 /* ---- This frame's inputs, for the next one ---- */
 
-static bool keep_samples(struct transport_last *l, const struct transport_sun *b)
+static bool keep_sun(struct transport_last *l, const struct transport_sun *b)
 {
-    const uint32_t count = b->strata * TRANSPORT_VARIANTS;
-    const float *const from[] = { b->x, b->y, b->z, b->r, b->g, b->b, b->density };
-    float **const to[] = { &l->sun.x, &l->sun.y, &l->sun.z, &l->sun.r, &l->sun.g, &l->sun.b, &l->sun.density };
+    struct sun_part *parts = l->sun.parts;
 
-    if (count > l->capacity) {
-        mem_free(l->values);
+    if (b->count > l->capacity) {
+        mem_free(parts);
         l->capacity = 0;
-        l->values = mem_alloc(count, 7 * sizeof(float));
-        if (!l->values)
+        l->sun.parts = parts = mem_alloc(b->count, sizeof(*parts));
+        if (!parts)
             return false;
-        l->capacity = count;
+        l->capacity = b->count;
     }
     l->sun = *b;
-    for (int k = 0; k < 7; k++) {
-        *to[k] = l->values + (size_t)k * l->capacity;
-        if (count)
-            memcpy(*to[k], from[k], count * sizeof(float));
-    }
+    l->sun.parts = parts;
+    if (b->count)
+        memcpy(parts, b->parts, b->count * sizeof(*parts));
     return true;
 }
 
@@ -164,15 +149,15 @@ bool transport_last_begin(struct transport *t, const struct transport_indirect *
     if (!l && !(l = t->last = mem_alloc(1, sizeof(*l))))
         return false;
     const uint32_t changed = compare_cells(l, &t->sky);
-    const bool same_sun = same_samples(&t->sun, &l->sun), same_rest = same_indirect(l, indirect);
-    const bool alike = (same_rest && 2 * changed < SKY_CHUNKS) || (same_sun && t->sun.strata > 0);
+    const bool as_sunny = same_sun(&t->sun, &l->sun), same_rest = same_indirect(l, indirect);
+    const bool alike = (same_rest && 2 * changed < SKY_CHUNKS) || (as_sunny && t->sun.count > 0);
 
     l->moved = !same_rest;
     l->lit_all = !l->known || !same_rest;
-    l->shone_all = !l->known || !same_sun;
+    l->shone_all = !l->known || !as_sunny;
     l->known = false;
     memcpy(l->cells, t->sky.cells, sizeof(l->cells));
-    return keep_samples(l, &t->sun) && keep_indirect(l, indirect) && alike && reserve_light(l, t);
+    return keep_sun(l, &t->sun) && keep_indirect(l, indirect) && alike && reserve_light(l, t);
 }
 
 void transport_last_end(struct transport *t, bool complete)

@@ -201,6 +201,7 @@ void transport_live_advance(struct transport_live *live)
             continue;
         block_free(live, &t->blocks[k]);
         t->blocks[k] = *next;
+        transport_sun_forget(t, k);
         mem_free(next);
         replaced++;
     }

@@ -1,370 +1,412 @@
-/* Chooses the rays to the sun of a frame's sky. Few rays suffice for points that see all or none of it, which
- * includes most points near a shadow's border. */
+/* Which part of the sun does each point see? Camera and geometry stand still, and the sun comes back to where it was,
+ * or moves on by a part of its width: so each direction is asked once, and the answer kept as a bit.
+ *
+ * The sky's faces have a grid of directions, SUN_GRID along an edge, divided into tiles of SUN_EDGE x SUN_EDGE. The
+ * texels of a frame's sun spread their energy over the directions of a few tiles, and a point's light from the sun is
+ * the sum over the directions that it sees. As the sun moves, the weights of the directions change continuously, and
+ * no bit does: shadows glide without noise. Each lane of a packet looks at another place of a direction's square, so
+ * that penumbrae of neighbouring points do not have their steps in the same places.
+ *
+ * Most blocks see all or nothing of a tile, and have no bits. What an entry holds depends on nothing but the tile and
+ * the block, not on the frames before: neither on their order nor on threads. */
 #include "light/cache_direct/internal.h"
 
 #include "base/mem.h"
-#include "base/rng.h"
 #include "sky/tables/cube.h"
 
 #include <math.h>
+#include <stdatomic.h>
 #include <string.h>
 
-static enum err reserve_sun(struct transport *t, uint32_t strata)
-{
-    const uint32_t count = strata * TRANSPORT_VARIANTS;
+#define SUN_GRID 512            /* 0.1 to 0.2 degrees apart; twice as many: see docs/internals/transport-cache.md */
+#define SUN_GRID_LEAST SKY_EDGE /* of a sun that is as large as the sky */
+#define SUN_MOST 1024           /* directions of a frame's sun, from which on the grid is coarser */
+#define SUN_CORNERS 0x9009u     /* the directions by which a packet is judged */
 
-    if (count > t->sun_capacity) {
-        mem_free(t->sun_values);
-        t->sun_capacity = 0;
-        t->sun_values = mem_alloc(count, 7 * sizeof(float));
-        if (!t->sun_values)
-            return ERR_NOMEM;
-        t->sun_capacity = count;
+/* What a block sees of a tile. */
+struct sun_view {
+    uint8_t lit, mixed;                /* bits of the packets that see all of it, and a part */
+    uint16_t known;                    /* bits of the directions that mixed packets have traced */
+    uint16_t lanes[TRANSPORT_PACKETS]; /* of a mixed packet that see a part, and trace every direction */
+    uint16_t bits[TRANSPORT_PACKETS][SUN_TILE];
+};
+
+/* The most frequent views. */
+static struct sun_view all_lit = { .lit = (1 << TRANSPORT_PACKETS) - 1 }, all_dark;
+
+struct sun_entry {
+    struct sun_tile *tile;
+    struct sun_view **views; /* [block_count]; NULL: not looked at yet */
+    uint64_t used;           /* number of the last frame that asked for it */
+};
+
+struct sun_index {
+    struct sun_entry *entries;
+    uint32_t count, capacity;
+    uint64_t frame;
+    _Atomic uint64_t bytes;
+};
+
+/* ---- Tiles ---- */
+
+static void unit_direction(uint32_t face, double u, double v, float w[3])
+{
+    double d[3];
+
+    cube_direction(face, u, v, d);
+    const double length = sqrt(dot3(d, d));
+    for (int i = 0; i < 3; i++)
+        w[i] = (float)(d[i] / length);
+}
+
+static uint32_t reversed(uint32_t l)
+{
+    return (l & 1) << 3 | (l & 2) << 1 | (l & 4) >> 1 | (l & 8) >> 3;
+}
+
+static void fill_tile(struct sun_tile *t, uint32_t grid, uint32_t face, uint32_t row, uint32_t column)
+{
+    const double step = 2.0 / grid, edge = step * SUN_EDGE, u = column * edge - 1.0, v = row * edge - 1.0;
+    float least = 1.0f, w[3];
+
+    unit_direction(face, u + 0.5 * edge, v + 0.5 * edge, t->axis);
+    for (uint32_t k = 0; k < 4; k++) {
+        unit_direction(face, u + (k & 1) * edge, v + (k >> 1) * edge, w);
+        least = fminf(least, t->axis[0] * w[0] + t->axis[1] * w[1] + t->axis[2] * w[2]);
     }
-    float *at = t->sun_values;
-    float **arrays[7] = { &t->sun.x, &t->sun.y, &t->sun.z,      &t->sun.r,
-                          &t->sun.g, &t->sun.b, &t->sun.density };
-    for (int k = 0; k < 7; k++, at += t->sun_capacity)
-        *arrays[k] = at;
+    t->sine = sqrtf(fmaxf(0.0f, 1.0f - least * least)) + 1e-5f;
+    for (uint32_t k = 0; k < SUN_TILE; k++) {
+        const double x = u + k % SUN_EDGE * step, y = v + k / SUN_EDGE * step;
+        unit_direction(face, x + 0.5 * step, y + 0.5 * step, w);
+        t->x[k] = w[0];
+        t->y[k] = w[1];
+        t->z[k] = w[2];
+        for (uint32_t l = 0; l < PACKET; l++) {
+            unit_direction(face, x + (l + 0.5) / PACKET * step, y + (reversed(l) + 0.5) / PACKET * step, w);
+            for (int c = 0; c < 3; c++)
+                t->ray[k][c][l] = w[c];
+        }
+    }
+    for (uint32_t k = 0; k < SUN_TILE; k++) {
+        const uint32_t i = (row * SUN_EDGE + k / SUN_EDGE) * SKY_EDGE / grid,
+                       j = (column * SUN_EDGE + k % SUN_EDGE) * SKY_EDGE / grid, cell = sky_cell(face, i, j);
+        t->cells[cell / 64] |= (uint64_t)1 << cell % 64;
+    }
+}
+
+static bool is_stored(const struct sun_view *v)
+{
+    return v && v != &all_lit && v != &all_dark;
+}
+
+static void drop_view(struct sun_index *x, struct sun_view **v)
+{
+    if (is_stored(*v)) {
+        atomic_fetch_sub(&x->bytes, sizeof(**v));
+        mem_free(*v);
+    }
+    *v = NULL;
+}
+
+static size_t entry_bytes(const struct transport *t)
+{
+    return sizeof(struct sun_tile) + t->block_count * sizeof(struct sun_view *);
+}
+
+static void drop_entry(struct transport *t, uint32_t at)
+{
+    struct sun_index *x = t->index;
+    struct sun_entry *e = &x->entries[at];
+
+    for (uint32_t k = 0; e->views && k < t->block_count; k++)
+        drop_view(x, &e->views[k]);
+    mem_free(e->views);
+    mem_free(e->tile);
+    *e = x->entries[--x->count];
+    atomic_fetch_sub(&x->bytes, entry_bytes(t));
+}
+
+/* Frees what frames have not asked for longest, until a quarter of the limit is free. Not while parts name places. */
+static void make_room(struct transport *t)
+{
+    struct sun_index *x = t->index;
+
+    while (x->count > 0 && x->bytes > t->index_bytes / 4 * 3) {
+        uint32_t oldest = 0;
+        for (uint32_t k = 1; k < x->count; k++)
+            if (x->entries[k].used < x->entries[oldest].used)
+                oldest = k;
+        drop_entry(t, oldest);
+    }
+}
+
+/* The entry's place, or -1 without memory. */
+static int64_t find_entry(struct transport *t, uint32_t key, uint32_t grid, uint32_t face, uint32_t row,
+                          uint32_t column)
+{
+    struct sun_index *x = t->index;
+
+    for (uint32_t k = 0; k < x->count; k++)
+        if (x->entries[k].tile->key == key) {
+            x->entries[k].used = x->frame;
+            return k;
+        }
+    if (x->count == x->capacity) {
+        const uint32_t more = x->capacity ? 2 * x->capacity : 64;
+        struct sun_entry *entries = mem_grow(x->entries, x->count, more, sizeof(*entries));
+        if (!entries)
+            return -1;
+        x->entries = entries;
+        x->capacity = more;
+    }
+    struct sun_entry *e = &x->entries[x->count];
+    *e = (struct sun_entry){ mem_alloc(1, sizeof(*e->tile)), mem_alloc(t->block_count, sizeof(struct sun_view *)),
+                             x->frame };
+    if (!e->tile || !e->views) {
+        mem_free(e->tile);
+        mem_free(e->views);
+        return -1;
+    }
+    e->tile->key = key;
+    fill_tile(e->tile, grid, face, row, column);
+    atomic_fetch_add(&x->bytes, entry_bytes(t));
+    return x->count++;
+}
+
+/* ---- A frame's sun ---- */
+
+/* The part of a tile, which is added if the frame has none there yet. NULL when out of memory. */
+static struct sun_part *find_part(struct transport *t, uint32_t grid, uint32_t face, uint32_t row, uint32_t column)
+{
+    struct transport_sun *s = &t->sun;
+    const uint32_t edge = grid / SUN_EDGE, key = ((face * edge + row) * edge + column) * 2 * SUN_GRID + grid;
+
+    for (uint32_t k = s->count; k-- > 0;) /* the last ones are the likeliest */
+        if (s->parts[k].key == key)
+            return &s->parts[k];
+    if (s->count == t->sun_capacity) {
+        const uint32_t more = t->sun_capacity ? 2 * t->sun_capacity : 16;
+        struct sun_part *parts = mem_grow(s->parts, s->count, more, sizeof(*parts));
+        if (!parts)
+            return NULL;
+        s->parts = parts;
+        t->sun_capacity = more;
+    }
+    const int64_t tile = find_entry(t, key, grid, face, row, column);
+    if (tile < 0)
+        return NULL;
+    memset(&s->parts[s->count], 0, sizeof(*s->parts));
+    s->parts[s->count].key = key;
+    s->parts[s->count].tile = (uint32_t)tile;
+    return &s->parts[s->count++];
+}
+
+/* Spreads a texel's light over the directions whose squares it meets. */
+static enum err spread_texel(struct transport *t, const struct environment *e, uint32_t grid, uint32_t at)
+{
+    const uint32_t n = e->n, face = at / (n * n), i = at / n % n, j = at % n;
+    const struct texel *x = &e->texels[at];
+    const float above = 1.0f - sky_lower(t->sky.level, rgb_luminance(x->r, x->g, x->b)),
+                rgb[3] = { above * x->r, above * x->g, above * x->b };
+
+    for (uint32_t y = i * grid / n; y * n < (i + 1) * grid; y++)
+        for (uint32_t z = j * grid / n; z * n < (j + 1) * grid; z++) {
+            struct sun_part *p = find_part(t, grid, face, y / SUN_EDGE, z / SUN_EDGE);
+            if (!p)
+                return ERR_NOMEM;
+            const double u0 = fmax(2.0 * z / grid, 2.0 * j / n), u1 = fmin(2.0 * (z + 1) / grid, 2.0 * (j + 1) / n),
+                         v0 = fmax(2.0 * y / grid, 2.0 * i / n), v1 = fmin(2.0 * (y + 1) / grid, 2.0 * (i + 1) / n);
+            const float solid = (float)cube_solid_angle(u0 - 1.0, v0 - 1.0, u1 - 1.0, v1 - 1.0);
+            const uint32_t k = y % SUN_EDGE * SUN_EDGE + z % SUN_EDGE;
+            p->asked |= 1u << k;
+            p->weight[k] += solid * rgb_luminance(rgb[0], rgb[1], rgb[2]);
+            for (int c = 0; c < 3; c++)
+                p->colour[c] += solid * rgb[c];
+        }
     return ERR_OK;
 }
 
-/* Marks the cells that contain texels of the sun. */
-static void find_cells(struct transport_sun *b, const struct sky_split *s)
+static void finish_part(const struct transport *t, const struct environment *e, struct sun_part *p)
 {
-    const uint32_t n = s->n, edge = SKY_EDGE;
+    const struct sun_tile *q = t->index->entries[p->tile].tile;
+    float sum = 0.0f;
 
-    memset(b->cells, 0, sizeof(b->cells));
-    for (uint32_t k = 0; k < s->sun_count; k++) {
-        const uint32_t face = s->sun[k] / (n * n), y = s->sun[k] / n % n, x = s->sun[k] % n;
-        /* a texel may lie in several cells */
-        for (uint32_t i = y * edge / n; i * n < (y + 1) * edge; i++)
-            for (uint32_t j = x * edge / n; j * n < (x + 1) * edge; j++) {
-                const uint32_t cell = sky_cell(face, i, j);
-                b->cells[cell / 64] |= (uint64_t)1 << cell % 64;
-            }
+    for (uint32_t k = 0; k < SUN_TILE; k++) {
+        const float w[3] = { q->x[k], q->y[k], q->z[k] };
+        sum += p->weight[k];
+        for (int i = 0; i < 3; i++)
+            p->flux[i] += p->weight[k] * w[i];
+        if (p->asked >> k & 1u)
+            p->density[k] = (float)SUN_SAMPLES * sky_split_density(&t->sky, e, w);
     }
+    for (int c = 0; c < 3; c++)
+        p->colour[c] = sum > 0.0f ? p->colour[c] / sum : 0.0f;
 }
 
 #define CONE_COSINE 0.9f /* of the widest cone */
-#define CONE_EDGE 64     /* texels along a face from which on one direction stands for a texel */
-#define CONE_TEXELS 4096 /* at most, so that finding the cone takes no time */
 
-static void texel_direction(const struct sky_split *s, uint32_t at, double w[3])
+static void find_cone(const struct transport *t, struct transport_sun *s)
 {
-    const double n = s->n;
+    float axis[3] = { 0.0f }, least = 1.0f;
 
-    cube_direction(at / (s->n * s->n), -1.0 + (2.0 * (at % s->n) + 1.0) / n,
-                   -1.0 + (2.0 * (at / s->n % s->n) + 1.0) / n, w);
-    const double length = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]);
+    for (uint32_t k = 0; k < s->count; k++)
+        for (int i = 0; i < 3; i++)
+            axis[i] += s->parts[k].flux[i];
+    const float length = sqrtf(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
     for (int i = 0; i < 3; i++)
-        w[i] /= length;
+        s->axis[i] = length > 0.0f ? axis[i] / length : 0.0f;
+    for (uint32_t k = 0; k < s->count; k++) {
+        const struct sun_tile *q = t->index->entries[s->parts[k].tile].tile;
+        const float c = s->axis[0] * q->axis[0] + s->axis[1] * q->axis[1] + s->axis[2] * q->axis[2];
+        least = fminf(least, cosf(acosf(fminf(1.0f, c)) + asinf(fminf(1.0f, q->sine))));
+    }
+    s->cosine = least > CONE_COSINE ? least - 1e-6f : -2.0f;
 }
 
-/* Finds the cone about the sun, and its light. */
-static void find_cone(struct transport_sun *b, const struct sky_split *s, const struct environment *e)
+enum err transport_sun_take(struct transport *t, const struct environment *e)
 {
-    double flux[3][3] = { { 0.0 } }, axis[3], least = 1.0, length = 0.0;
+    struct transport_sun *s = &t->sun;
+    enum err result = ERR_OK;
+    uint32_t grid = SUN_GRID;
 
-    b->cosine = -2.0f;
-    b->sine = 2.0f;
-    if (s->n < CONE_EDGE || s->sun_count > CONE_TEXELS)
-        return;
-    for (uint32_t k = 0; k < s->sun_count; k++) {
-        const struct texel *t = &e->texels[s->sun[k]];
-        const float g = rgb_luminance(t->r, t->g, t->b);
-        const double part = (1.0 - (double)sky_lower(s->level, g)) * e->solid_angle[s->sun[k] % (s->n * s->n)];
-        double w[3];
-        texel_direction(s, s->sun[k], w);
-        for (int i = 0; i < 3; i++) {
-            flux[0][i] += part * (double)t->r * w[i];
-            flux[1][i] += part * (double)t->g * w[i];
-            flux[2][i] += part * (double)t->b * w[i];
-        }
-    }
-    for (int i = 0; i < 3; i++) {
-        axis[i] = flux[0][i] + flux[1][i] + flux[2][i];
-        length += axis[i] * axis[i];
-    }
-    for (uint32_t k = 0; k < s->sun_count; k++) {
-        double w[3];
-        texel_direction(s, s->sun[k], w);
-        least = fmin(least, (axis[0] * w[0] + axis[1] * w[1] + axis[2] * w[2]) / sqrt(length));
-    }
-    const double radius = acos(fmax(least, -1.0)) + sqrt(2.0) / s->n + 1e-4; /* to the corners of a texel */
-    if (!(cos(radius) > (double)CONE_COSINE))
-        return;
-    b->cosine = (float)cos(radius);
-    b->sine = (float)sin(radius);
-    for (int i = 0; i < 3; i++) {
-        b->axis[i] = (float)(axis[i] / sqrt(length));
-        for (int c = 0; c < 3; c++)
-            b->flux[c][i] = (float)flux[c][i];
-    }
-}
-
-/* Each variant is one point of a sequence, shifted from stratum to stratum in the second number. */
-enum err transport_sun_draw(struct transport *t, const struct environment *e, const struct transport_frame *f)
-{
-    struct transport_sun *b = &t->sun;
-    const uint64_t seed = rng_mix(rng_mix(f->seed, f->pass), 0x62726967);
-
-    b->strata = 0;
-    b->few = (f->samples + 31) / 32;
-    b->seed = seed;
-    if (t->sky.sun_count == 0)
-        return ERR_OK;
-    if (reserve_sun(t, TRANSPORT_MORE * b->few))
+    s->count = 0;
+    if (!t->index && !(t->index = mem_alloc(1, sizeof(*t->index))))
         return ERR_NOMEM;
-    b->strata = TRANSPORT_MORE * b->few;
-    find_cells(b, &t->sky);
-    find_cone(b, &t->sky, e);
-#pragma omp parallel for schedule(dynamic, 16)
-    for (uint32_t v = 0; v < TRANSPORT_VARIANTS; v++) {
-        double x[2];
-        rng_sobol2(seed, v, x);
-        for (uint32_t s = 0; s < b->strata; s++) {
-            const double turned = x[1] + 0.6180339887498949 * s;
-            const double own[2] = { (s + x[0]) / b->strata, turned - floor(turned) };
-            const uint32_t at = s * TRANSPORT_VARIANTS + v;
-            float w[3], rgb[3];
-            sky_split_sample(&t->sky, e, own, w, rgb);
-            b->x[at] = w[0];
-            b->y[at] = w[1];
-            b->z[at] = w[2];
-            b->r[at] = rgb[0];
-            b->g[at] = rgb[1];
-            b->b[at] = rgb[2];
-            b->density[at] = (float)b->few * sky_split_density(&t->sky, e, w);
-        }
-    }
-    return ERR_OK;
+    t->index->frame++;
+    if (t->index->bytes > t->index_bytes)
+        make_room(t);
+    while (grid > SUN_GRID_LEAST && (uint64_t)t->sky.sun_count * grid * grid > (uint64_t)SUN_MOST * e->n * e->n)
+        grid /= 2;
+    for (uint32_t k = 0; k < t->sky.sun_count && !result; k++)
+        result = spread_texel(t, e, grid, t->sky.sun[k]);
+    for (uint32_t k = 0; k < s->count && !result; k++)
+        finish_part(t, e, &s->parts[k]);
+    find_cone(t, s);
+    if (result)
+        s->count = 0;
+    return result;
 }
 
-/* The 16 points of a packet get 16 consecutive variants, which are well distributed. */
-static void choose_variants(const struct transport_sun *b, uint32_t index, uint32_t variant[PACKET])
+void transport_sun_forget(struct transport *t, uint32_t block)
 {
-    const uint32_t base = (uint32_t)(rng_mix(b->seed, index) % (TRANSPORT_VARIANTS / PACKET)) * PACKET;
-
-    for (uint32_t l = 0; l < PACKET; l++)
-        variant[l] = base + l;
+    for (uint32_t k = 0; t->index && k < t->index->count; k++)
+        drop_view(t->index, &t->index->entries[k].views[block]);
 }
 
-#define DAPPLED 4      /* points of a packet in penumbrae, from which on all its points count as such */
-#define DAPPLED_PART 3 /* or one in so many of a block's points near a border, for the whole block */
-#define CROWDED 14     /* points of a packet that need a round, from which on all get it */
-
-/* Visibility of the sun from a block. */
-enum side { SIDE_LIT, SIDE_DARK, SIDE_UNKNOWN };
-
-/* If the cells of the sun are completely visible, or completely occluded, from all of a block's points, sixteen
- * rays to the sun itself must confirm it. */
-static enum side side_of(const struct transport *t, const struct transport_block *b, uint64_t *rays)
+void transport_sun_finish(struct transport *t)
 {
-    const struct transport_sun *s = &t->sun;
+    while (t->index && t->index->count > 0)
+        drop_entry(t, 0);
+    if (t->index)
+        mem_free(t->index->entries);
+    mem_free(t->index);
+    mem_free(t->sun.parts);
+    t->index = NULL;
+    t->sun.parts = NULL;
+}
+
+/* ---- Blocks ---- */
+
+/* If the tile's cells are completely visible, or completely occluded, from all of the block's points, sixteen rays
+ * to the tile itself must confirm it. NULL: packets must be asked. */
+static struct sun_view *judge_block(const struct transport *t, const struct transport_block *b,
+                                    const struct sun_tile *q, uint64_t *rays)
+{
     struct transport_view view = { 0, 0 };
     uint64_t seen = 0, hidden = 0;
-    uint32_t variant[PACKET];
 
     if (!t->rays)
-        return SIDE_LIT;
+        return &all_lit;
     for (uint32_t k = 0; k < SKY_CELLS / 64; k++) {
-        seen |= b->sight->seen[k] & s->cells[k];
-        hidden |= b->sight->hidden[k] & s->cells[k];
+        seen |= b->sight->seen[k] & q->cells[k];
+        hidden |= b->sight->hidden[k] & q->cells[k];
     }
     if (seen && hidden)
-        return SIDE_UNKNOWN;
-    choose_variants(s, b->first, variant);
-    *rays += t->kernels->sun->probe(t->rays, s, &t->gbuffer->packets[b->first], b->packets, variant, &view);
+        return NULL;
+    *rays += t->kernels->sun->probe(t->rays, q, &t->gbuffer->packets[b->first], b->packets, &view);
     if (seen && !view.dark)
-        return SIDE_LIT;
-    return !view.lit && !seen ? SIDE_DARK : SIDE_UNKNOWN;
+        return &all_lit;
+    return !view.lit && !seen ? &all_dark : NULL;
 }
 
-/* A block while its rays are traced. */
-struct shining {
-    const struct transport *transport;
-    const struct transport_block *block;
-    const struct shade_packet *packets;
-    uint64_t traced;
-    uint32_t variant[TRANSPORT_PACKETS][PACKET];
-    float sum[TRANSPORT_PACKETS][3][PACKET];
-    uint32_t taken[TRANSPORT_PACKETS][PACKET]; /* number of samples */
-    struct transport_view view[TRANSPORT_PACKETS];
-};
+#define DAPPLED 4 /* lanes of a packet that see a part, from which on the others' corners may agree by chance */
 
-static uint32_t samples_of(const struct transport_round *r)
+/* A packet sees all or nothing if all of its points say so at the tile's corners; likewise a point of a packet through
+ * which an edge goes. Under leaves that would make dappled shade too dark. */
+static void judge_packets(const struct transport *t, const struct transport_block *b, const struct sun_tile *q,
+                          struct sun_view *v, uint64_t *rays)
 {
-    return (r->groups[1] - r->groups[0]) * (r->turns[1] - r->turns[0]);
-}
-
-/* Traces a round of samples for packet k. rays: NULL if it is known to see everything. */
-static void shine(struct shining *s, const struct rays *rays, uint32_t k, const struct transport_round *r)
-{
-    const struct transport *t = s->transport;
-
-    s->traced += t->kernels->sun->light(rays, &t->sun, &s->packets[k], s->block->narrow, s->variant[k], r,
-                                           s->sum[k], &s->view[k]);
-    for (uint32_t l = 0; l < PACKET; l++)
-        s->taken[k][l] += samples_of(r);
-}
-
-/* A packet that sees everything: matte ones in closed form, others by a round of samples. */
-static void shine_openly(struct shining *s, uint32_t k, const struct transport_round *r)
-{
-    const struct transport *t = s->transport;
-
-    if (s->block->kind != LOBE_LAMBERT || !t->kernels->sun->open(&t->sun, &s->packets[k], s->sum[k])) {
-        shine(s, NULL, k, r);
-        return;
+    v->known = SUN_CORNERS;
+    for (uint32_t k = 0; k < b->packets; k++) {
+        const struct shade_packet *p = &t->gbuffer->packets[b->first + k];
+        struct transport_view view = { 0, 0 };
+        *rays += t->kernels->sun->trace(t->rays, q, p, SUN_CORNERS, UINT16_MAX, v->bits[k], &view);
+        const uint32_t parts = view.lit & view.dark;
+        v->lit |= (uint8_t)((view.lit && !view.dark) << k);
+        v->mixed |= (uint8_t)((view.lit && view.dark) << k);
+        v->lanes[k] = (uint16_t)(__builtin_popcount(parts) < DAPPLED ? parts : UINT16_MAX);
+        for (uint32_t d = 0; d < SUN_TILE; d++)
+            if (!(SUN_CORNERS >> d & 1))
+                v->bits[k][d] = (uint16_t)(view.lit & ~parts);
     }
-    for (uint32_t l = 0; l < PACKET; l++)
-        s->taken[k][l] = 1;
 }
 
-/* Points of several packets, collected in one. */
-struct crowd {
-    struct shade_packet points;
-    uint32_t variant[PACKET], packet[PACKET], lane[PACKET];
-};
-
-static void shine_on_crowd(struct shining *s, struct crowd *c, const struct transport_round *r)
+static void trace_missing(const struct transport *t, const struct transport_block *b, const struct sun_tile *q,
+                          uint32_t asked, struct sun_view *v, uint64_t *rays)
 {
-    const struct transport *t = s->transport;
-    float sum[3][PACKET] = { { 0.0f } };
-    struct transport_view view = { 0, 0 };
+    const uint32_t missing = asked & ~(uint32_t)v->known;
+    struct transport_view view;
 
-    if (c->points.count == 0)
-        return;
-    const uint32_t last = c->points.count - 1;
-    for (uint32_t l = c->points.count; l < PACKET; l++) {
-        shade_packet_put(&c->points, l, &s->packets[c->packet[last]], c->lane[last], 0);
-        c->variant[l] = c->variant[last];
-    }
-    s->traced +=
-        t->kernels->sun->light(t->rays, &t->sun, &c->points, s->block->narrow, c->variant, r, sum, &view);
-    for (uint32_t i = 0; i < c->points.count; i++) {
-        const uint32_t k = c->packet[i], l = c->lane[i];
-        for (int q = 0; q < 3; q++)
-            s->sum[k][q][l] += sum[q][i];
-        s->taken[k][l] += samples_of(r);
-        s->view[k].lit |= (view.lit >> i & 1u) << l;
-        s->view[k].dark |= (view.dark >> i & 1u) << l;
-    }
-    c->points.count = 0;
+    for (uint32_t k = 0; k < b->packets && missing; k++)
+        if (v->mixed >> k & 1 && v->lanes[k])
+            *rays += t->kernels->sun->trace(t->rays, q, &t->gbuffer->packets[b->first + k], missing, v->lanes[k],
+                                            v->bits[k], &view);
+    v->known = (uint16_t)(v->known | missing);
 }
 
-/* The points that need all samples: those with both visible and occluded samples. At a plain shadow border the others
- * are on one side of it. If there are many in a packet, or among the block's points near a border, as under leaves, the
- * others are in penumbrae, too, and their few rays agreed by chance; omitting them would make dappled shade too
- * dark. */
-static void find_needy(const struct shining *s, const uint32_t near[TRANSPORT_PACKETS],
-                       uint32_t needy[TRANSPORT_PACKETS])
+/* The block's view of a part's tile. Without memory to keep it, *own. */
+static const struct sun_view *look(const struct transport *t, uint32_t block, const struct sun_part *p,
+                                   struct sun_view *own, uint64_t *rays)
 {
-    uint32_t all = 0, some = 0;
+    struct sun_view **at = &t->index->entries[p->tile].views[block];
+    const struct sun_tile *q = t->index->entries[p->tile].tile;
+    const struct transport_block *b = &t->blocks[block];
 
-    for (uint32_t k = 0; k < s->block->packets; k++) {
-        needy[k] = s->view[k].lit & s->view[k].dark;
-        some += (uint32_t)__builtin_popcount(needy[k]);
-        all += (uint32_t)__builtin_popcount(near[k]);
-    }
-    for (uint32_t k = 0; k < s->block->packets; k++)
-        if (__builtin_popcount(needy[k]) >= DAPPLED || some * DAPPLED_PART >= all)
-            needy[k] = s->view[k].lit | s->view[k].dark;
-}
-
-/* Traces a round for some points of the block, sixteen at a time, across packets. If most points of a packet need the
- * round, the whole packet is traced: its other points get these samples, too, unless `had` marks points that got them
- * before. */
-static void shine_on_some(struct shining *s, const uint32_t lanes[TRANSPORT_PACKETS],
-                          const uint32_t had[TRANSPORT_PACKETS], const struct transport_round *r)
-{
-    struct crowd c = { .points = { .kind = s->packets[0].kind } };
-
-    if (samples_of(r) == 0)
-        return;
-    for (uint32_t k = 0; k < s->block->packets; k++) {
-        const bool most = !(had && had[k]) && __builtin_popcount(lanes[k]) >= CROWDED;
-        if (most)
-            shine(s, s->transport->rays, k, r);
-        for (uint32_t left = most ? 0 : lanes[k]; left; left &= left - 1) {
-            const uint32_t l = (uint32_t)__builtin_ctz(left), i = c.points.count++;
-            shade_packet_put(&c.points, i, &s->packets[k], l, -1);
-            c.variant[i] = s->variant[k][l];
-            c.packet[i] = k;
-            c.lane[i] = l;
-            if (c.points.count == PACKET)
-                shine_on_crowd(s, &c, r);
+    if (!*at)
+        *at = judge_block(t, b, q, rays);
+    if (!*at) {
+        memset(own, 0, sizeof(*own));
+        judge_packets(t, b, q, own, rays);
+        if (!own->mixed && (!own->lit || own->lit == (1u << b->packets) - 1))
+            *at = own->lit ? &all_lit : &all_dark;
+        else if ((*at = mem_alloc_raw(1, sizeof(**at)))) {
+            **at = *own;
+            atomic_fetch_add(&t->index->bytes, sizeof(**at));
         }
     }
-    shine_on_crowd(s, &c, r);
+    struct sun_view *v = *at ? *at : own;
+    if (v->mixed)
+        trace_missing(t, b, q, p->asked, v, rays);
+    return v;
 }
 
-/* Traces the first half of the strata without those of the first round. */
-static void shine_more(struct shining *s, const uint32_t lanes[TRANSPORT_PACKETS],
-                       const uint32_t had[TRANSPORT_PACKETS], uint32_t half, uint32_t few)
+uint32_t transport_sun_add(struct transport *t, uint32_t block, float *lo, uint64_t *rays)
 {
-    const struct transport_round second = { { half, few }, { 0, 1 } }, third = { { 0, few }, { 1, 2 } };
-
-    shine_on_some(s, lanes, had, &second);
-    shine_on_some(s, lanes, had, &third);
-}
-
-/* Traces half of the first rays. If the block's points differ, those near the edge of a shadow get half of the strata,
- * and those of them that need it get all strata. Packets without either that see the sun see all of it. Returns
- * the number of packets with points near an edge. */
-static uint32_t find_shadows(struct shining *s, uint32_t few)
-{
-    const struct transport *t = s->transport;
-    const uint32_t half = (few + 1) / 2, packets = s->block->packets;
-    const struct transport_round first = { { 0, half }, { 0, 1 } }, second = { { half, few }, { 0, 1 } },
-                                 rest = { { 0, few }, { 2, TRANSPORT_MORE } };
-    struct transport_view all = { 0, 0 };
-    uint32_t near[TRANSPORT_PACKETS] = { 0 }, needy[TRANSPORT_PACKETS] = { 0 }, late[TRANSPORT_PACKETS], mixed = 0;
-
-    for (uint32_t k = 0; k < packets; k++) {
-        shine(s, t->rays, k, &first);
-        all.lit |= s->view[k].lit;
-        all.dark |= s->view[k].dark;
-    }
-    if (all.lit && all.dark) {
-        t->kernels->sun->edges(s->packets, packets, s->view, near);
-        shine_more(s, near, NULL, half, few);
-    }
-    for (uint32_t k = 0; k < packets; k++)
-        mixed += near[k] != 0;
-    if (mixed > 0) {
-        find_needy(s, near, needy);
-        for (uint32_t k = 0; k < packets; k++)
-            late[k] = needy[k] & ~near[k];
-        shine_more(s, late, near, half, few);
-        shine_on_some(s, needy, NULL, &rest);
-    }
-    for (uint32_t k = 0; k < packets; k++)
-        if (!near[k] && !needy[k] && s->view[k].lit && !s->view[k].dark)
-            shine_openly(s, k, &second);
-    return mixed;
-}
-
-uint32_t transport_sun_add(const struct transport *t, const struct transport_block *b, float *lo, uint64_t *rays)
-{
-    const struct transport_round few = { { 0, t->sun.few }, { 0, 1 } };
-    const enum side side = side_of(t, b, rays);
-    struct shining s = { t, b, &t->gbuffer->packets[b->first], .traced = 0 };
+    const struct transport_block *b = &t->blocks[block];
+    float sum[TRANSPORT_PACKETS * 3 * PACKET] = { 0.0f }; /* added at once: lo and another array give the same bits */
     uint32_t mixed = 0;
 
-    if (side == SIDE_DARK)
-        return 0;
-    for (uint32_t k = 0; k < b->packets; k++)
-        choose_variants(&t->sun, b->first + k, s.variant[k]);
-    for (uint32_t k = 0; side == SIDE_LIT && k < b->packets; k++)
-        shine_openly(&s, k, &few);
-    if (side == SIDE_UNKNOWN)
-        mixed = find_shadows(&s, t->sun.few);
-    for (uint32_t k = 0; k < b->packets; k++)
-        for (int c = 0; c < 3; c++)
-            for (uint32_t l = 0; l < PACKET; l++)
-                lo[(k * 3 + (uint32_t)c) * PACKET + l] += s.sum[k][c][l] / (float)s.taken[k][l];
-    *rays += s.traced;
-    return mixed;
+    for (uint32_t i = 0; i < t->sun.count; i++) {
+        const struct sun_part *p = &t->sun.parts[i];
+        struct sun_view own;
+        const struct sun_view *v = look(t, block, p, &own, rays);
+        for (uint32_t k = 0; k < b->packets; k++)
+            if ((v->lit | v->mixed) >> k & 1)
+                t->kernels->sun->light(p, t->index->entries[p->tile].tile, &t->gbuffer->packets[b->first + k],
+                                       b->narrow, v->mixed >> k & 1 ? v->bits[k] : NULL, sum + (size_t)k * 3 * PACKET);
+        mixed |= v->mixed;
+    }
+    for (size_t i = 0; i < (size_t)b->packets * 3 * PACKET; i++)
+        lo[i] += sum[i];
+    return (uint32_t)__builtin_popcount(mixed);
 }

@@ -1,5 +1,5 @@
-/* The loops that trace the sun of a frame's sky (light/cache_direct/internal.h): compiled once per CPU level, see
- * CMakeLists.txt. */
+/* The loops that trace the sun, and light packets by it (light/cache_direct/internal.h): compiled once per CPU level,
+ * see CMakeLists.txt. */
 #include "light/cache_direct/internal.h"
 #include "scene/geometry/lane_rays.h"
 #include "scene/surface/lobes.h"
@@ -7,131 +7,43 @@
 #include <math.h>
 #include <string.h>
 
-/* The lobes of a packet with gazes, without the matte part. */
-struct glints {
-    struct shade_packet points;
-    struct lobes lobes;
-};
-
-static void set_up_glints(const struct shade_packet *p, struct glints *s)
-{
-    s->points = *p;
-    memset(s->points.diffuse, 0, sizeof(s->points.diffuse));
-    lobes_set_up(p, &s->lobes);
-    LANES(l) s->lobes.diffuse_part.v[l] = 0.0f;
-}
-
-/* Reduces the lobes' light along d to the balance heuristic's share of samples, beside that of the gazes. */
-static void balance_glints(const struct glints *s, const struct transport_sun *b, const int32_t at[PACKET],
-                           const struct lanes d[3], const struct lanes *cosine, struct lanes brdf[3])
-{
-    struct lanes lobe[3], pdf;
-
-    lobes_evaluate(&s->lobes, &s->points, d, cosine, lobe, &pdf);
-    for (int c = 0; c < 3; c++)
-        LANES(l)
-        {
-            const float own = b->density[at[l]], theirs = TRANSPORT_GAZES * pdf.v[l];
-            brdf[c].v[l] -= lobe[c].v[l] * (theirs > 0.0f ? theirs / (own + theirs) : 0.0f);
-        }
-}
-
-/* A packet while its rays are traced. */
-struct shining {
-    const struct rays *rays; /* NULL: everything is visible */
-    const struct transport_sun *sun;
-    const struct shade_packet *points;
-    const struct glints *glints; /* NULL: no gazes */
-    struct lobes lobes;
-    struct ray16 ray;
-    float (*sum)[PACKET];
-    struct transport_view *view;
-};
-
-/* Traces one sample per lane. Returns the number of rays. */
-static uint64_t shine(struct shining *s, const int32_t at[PACKET])
+static uint64_t trace(const struct rays *rays, const struct sun_tile *t, const struct shade_packet *p,
+                      uint32_t directions, uint32_t lanes, uint16_t bits[SUN_TILE], struct transport_view *view)
 {
     _Alignas(64) int32_t valid[PACKET];
-    const struct transport_sun *b = s->sun;
-    const struct shade_packet *p = s->points;
-    struct lanes d[3], cosine, brdf[3], pdf;
-    int32_t count = 0;
-    uint32_t lit = 0, dark = 0;
-
-    LANES(l)
-    {
-        d[0].v[l] = b->x[at[l]];
-        d[1].v[l] = b->y[at[l]];
-        d[2].v[l] = b->z[at[l]];
-    }
-    if (!lobes_see(p, d, &cosine))
-        return 0;
-    LANES(l)
-    {
-        valid[l] = cosine.v[l] > 0.0f ? p->valid[l] : 0;
-        count -= valid[l];
-    }
-    if (count == 0)
-        return 0;
-    lanes_aim(d, &s->ray);
-    if (s->rays)
-        rays_occluded16(s->rays, RAYS_TOGETHER, valid, &s->ray);
-    LANES(l)
-    {
-        const int32_t sees = s->ray.tfar[l] > 0.0f ? valid[l] : 0;
-        lit |= (uint32_t)(sees & 1) << l;
-        dark |= (uint32_t)(valid[l] & ~sees & 1) << l;
-        valid[l] = sees;
-    }
-    s->view->lit |= lit;
-    s->view->dark |= dark;
-    if (lit) {
-        lobes_evaluate(&s->lobes, p, d, &cosine, brdf, &pdf);
-        if (s->glints)
-            balance_glints(s->glints, b, at, d, &cosine, brdf);
-        LANES(l)
-        {
-            s->sum[0][l] += valid[l] ? brdf[0].v[l] * b->r[at[l]] : 0.0f;
-            s->sum[1][l] += valid[l] ? brdf[1].v[l] * b->g[at[l]] : 0.0f;
-            s->sum[2][l] += valid[l] ? brdf[2].v[l] * b->b[at[l]] : 0.0f;
-        }
-    }
-    return s->rays ? (uint64_t)count : 0;
-}
-
-/* The order of the strata of a group: the second is opposite the first. */
-static const uint32_t turns[TRANSPORT_MORE] = { 0, 2, 1, 3 };
-
-static uint64_t light(const struct rays *rays, const struct transport_sun *b, const struct shade_packet *p,
-                      bool narrow, const uint32_t variant[PACKET], const struct transport_round *round,
-                      float sum[3][PACKET], struct transport_view *view)
-{
-    struct shining s = { .rays = rays, .sun = b, .points = p, .sum = sum, .view = view };
-    struct glints glints;
+    struct ray16 ray;
     uint64_t traced = 0;
 
-    lobes_set_up(p, &s.lobes);
-    if (narrow) {
-        set_up_glints(p, &glints);
-        s.glints = &glints;
-    }
-    lobes_rays(p, &s.ray);
-    for (uint32_t i = round->groups[0]; i < round->groups[1]; i++)
-        for (uint32_t j = round->turns[0]; j < round->turns[1]; j++) {
-            int32_t at[PACKET];
-            LANES(l)
-            {
-                const uint32_t stratum = TRANSPORT_MORE * i + (variant[l] + i + turns[j]) % TRANSPORT_MORE;
-                at[l] = (int32_t)(stratum * TRANSPORT_VARIANTS + variant[l]);
-            }
-            traced += shine(&s, at);
+    lobes_rays(p, &ray);
+    for (uint32_t left = directions; left; left &= left - 1) {
+        const int k = __builtin_ctz(left);
+        struct lanes d[3], cosine;
+        uint32_t asked = 0, lit = 0;
+        bits[k] = (uint16_t)(bits[k] & ~lanes);
+        memcpy(d, t->ray[k], sizeof(d));
+        if (!lobes_see(p, d, &cosine))
+            continue;
+        LANES(l)
+        {
+            valid[l] = cosine.v[l] > 0.0f && (lanes >> l & 1u) ? p->valid[l] : 0;
+            asked |= (uint32_t)(valid[l] & 1) << l;
         }
+        lanes_aim(d, &ray);
+        if (rays && asked) {
+            rays_occluded16(rays, RAYS_TOGETHER, valid, &ray);
+            traced += (uint64_t)__builtin_popcount(asked);
+        }
+        LANES(l) lit |= (uint32_t)(ray.tfar[l] > 0.0f ? valid[l] & 1 : 0) << l;
+        bits[k] = (uint16_t)(bits[k] | lit);
+        view->lit |= lit;
+        view->dark |= asked & ~lit;
+    }
     return traced;
 }
 
 /* Sixteen points represent a block: every fourth of each packet, or more of fewer packets. */
-static uint64_t probe(const struct rays *rays, const struct transport_sun *b, const struct shade_packet *packets,
-                      uint32_t count, const uint32_t variant[PACKET], struct transport_view *view)
+static uint64_t probe(const struct rays *rays, const struct sun_tile *t, const struct shade_packet *packets,
+                      uint32_t count, struct transport_view *view)
 {
     _Alignas(64) int32_t valid[PACKET];
     struct ray16 ray = { .org_x = { 0 } };
@@ -140,8 +52,7 @@ static uint64_t probe(const struct rays *rays, const struct transport_sun *b, co
     for (uint32_t l = 0; l < PACKET; l++) {
         const struct shade_packet *p = &packets[l % count];
         const uint32_t k = (l / count * count + l % count * 5 + l % count) % PACKET; /* other lanes in each packet */
-        const uint32_t at = (l * b->strata / PACKET) * TRANSPORT_VARIANTS + variant[l];
-        const float x = b->x[at], y = b->y[at], z = b->z[at];
+        const float x = t->ray[l % SUN_TILE][0][l], y = t->ray[l % SUN_TILE][1][l], z = t->ray[l % SUN_TILE][2][l];
         const bool faces = p->ns_x[k] * x + p->ns_y[k] * y + p->ns_z[k] * z > 0.0f &&
                            p->ng_x[k] * x + p->ng_y[k] * y + p->ng_z[k] * z > 0.0f;
         valid[l] = faces ? p->valid[k] : 0;
@@ -165,94 +76,154 @@ static uint64_t probe(const struct rays *rays, const struct transport_sun *b, co
     return (uint64_t)faced;
 }
 
-static bool open(const struct transport_sun *b, const struct shade_packet *p, float sum[3][PACKET])
+/* ---- Light ---- */
+
+/* Whether a horizon cuts the tile. Lanes below which it is are not counted. */
+static bool is_cut(const struct sun_tile *t, const struct shade_packet *p)
 {
     int32_t cut = 0;
-    struct lanes whole;
 
     LANES(l)
     {
-        const float shading = p->ns_x[l] * b->axis[0] + p->ns_y[l] * b->axis[1] + p->ns_z[l] * b->axis[2];
-        const float geometric = p->ng_x[l] * b->axis[0] + p->ng_y[l] * b->axis[1] + p->ng_z[l] * b->axis[2];
+        const float shading = p->ns_x[l] * t->axis[0] + p->ns_y[l] * t->axis[1] + p->ns_z[l] * t->axis[2];
+        const float geometric = p->ng_x[l] * t->axis[0] + p->ng_y[l] * t->axis[1] + p->ng_z[l] * t->axis[2];
         const float least = shading < geometric ? shading : geometric;
-        whole.v[l] = least > b->sine ? (float)(1.0 / PI) : 0.0f;
-        cut |= (least <= b->sine) & (least >= -b->sine);
+        cut |= (least <= t->sine) & (least >= -t->sine);
     }
-    if (cut)
-        return false;
+    return cut != 0;
+}
+
+/* The flux that each lane sees: the integral of luminance times direction. bits: NULL if all is visible. */
+static void sum_flux(const struct sun_part *s, const struct sun_tile *t, const struct shade_packet *p,
+                     const uint16_t *bits, struct lanes flux[3])
+{
+    memset(flux, 0, 3 * sizeof(*flux));
+    for (uint32_t left = s->asked; left; left &= left - 1) {
+        const int k = __builtin_ctz(left);
+        const float x = t->x[k], y = t->y[k], z = t->z[k], w = s->weight[k];
+        const uint32_t on = bits ? bits[k] : 0xffffu;
+        LANES(l)
+        {
+            const int above = (p->ns_x[l] * x + p->ns_y[l] * y + p->ns_z[l] * z > 0.0f) &
+                              (p->ng_x[l] * x + p->ng_y[l] * y + p->ng_z[l] * z > 0.0f);
+            const float seen = (on >> l & 1u) & (uint32_t)above ? w : 0.0f;
+            flux[0].v[l] += seen * x;
+            flux[1].v[l] += seen * y;
+            flux[2].v[l] += seen * z;
+        }
+    }
+}
+
+static void see_flux(const struct sun_part *s, const struct sun_tile *t, const struct shade_packet *p,
+                     const uint16_t *bits, struct lanes flux[3])
+{
+    if (bits || is_cut(t, p)) {
+        sum_flux(s, t, p, bits, flux);
+        return;
+    }
+    LANES(l)
+    {
+        const int above = (p->ns_x[l] * t->axis[0] + p->ns_y[l] * t->axis[1] + p->ns_z[l] * t->axis[2] > 0.0f) &
+                          (p->ng_x[l] * t->axis[0] + p->ng_y[l] * t->axis[1] + p->ng_z[l] * t->axis[2] > 0.0f);
+        flux[0].v[l] = above ? s->flux[0] : 0.0f;
+        flux[1].v[l] = above ? s->flux[1] : 0.0f;
+        flux[2].v[l] = above ? s->flux[2] : 0.0f;
+    }
+}
+
+static void light_matte(const struct sun_part *s, const struct shade_packet *p, const struct lanes flux[3], float *lo)
+{
     for (int c = 0; c < 3; c++)
         LANES(l)
         {
-            const float cosine = p->ns_x[l] * b->flux[c][0] + p->ns_y[l] * b->flux[c][1] + p->ns_z[l] * b->flux[c][2];
-            sum[c][l] = p->diffuse[c][l] * cosine * whole.v[l];
+            const float cosine = p->ns_x[l] * flux[0].v[l] + p->ns_y[l] * flux[1].v[l] + p->ns_z[l] * flux[2].v[l];
+            lo[c * PACKET + l] += p->diffuse[c][l] * (float)(1.0 / PI) * s->colour[c] * (cosine > 0.0f ? cosine : 0.0f);
         }
-    return true;
 }
 
-#define NEAR_SQUARE 4.0f /* points within twice their spacing are neighbours */
-
-/* The square of the distance up to which points of a block are neighbours. A square grid of n points with spacing s has
- * variances of n s^2 / 6 in all; where a block is stretched, or lies at two depths, the distance is larger. */
-static float near_square(const struct shade_packet *packets, uint32_t count)
+/* Lobes as wide as a cell see a tile as one direction, in the middle of what is visible. */
+static void light_broad(const struct sun_part *s, const struct shade_packet *p, const struct lanes flux[3], float *lo)
 {
-    struct lanes sum[3] = { { { 0.0f } } }, square = { { 0.0f } };
-    const float x = packets->x[0], y = packets->y[0], z = packets->z[0];
-    float mean[3] = { 0.0f }, squares = 0.0f;
+    struct lanes d[3], length, cosine, brdf[3], pdf;
+    struct lobes lobes;
 
-    for (uint32_t k = 0; k < count; k++)
+    LANES(l)
+    {
+        const float x = flux[0].v[l], y = flux[1].v[l], z = flux[2].v[l], square = x * x + y * y + z * z;
+        const float scale = square > 0.0f ? 1.0f / sqrtf(square) : 0.0f;
+        length.v[l] = square * scale;
+        d[0].v[l] = x * scale;
+        d[1].v[l] = y * scale;
+        d[2].v[l] = z * scale;
+    }
+    if (!lobes_see(p, d, &cosine))
+        return;
+    lobes_set_up(p, &lobes);
+    lobes_evaluate(&lobes, p, d, &cosine, brdf, &pdf);
+    for (int c = 0; c < 3; c++)
+        LANES(l) lo[c * PACKET + l] += brdf[c].v[l] * length.v[l] * s->colour[c];
+}
+
+/* Reduces the lobes' light along d to the balance heuristic's share of the sun, beside that of the gazes. glints: the
+ * points without their matte part. */
+static void balance(const struct shade_packet *glints, const struct lobes *lobes, float density,
+                    const struct lanes d[3], const struct lanes *cosine, struct lanes brdf[3])
+{
+    struct lanes lobe[3], pdf;
+
+    lobes_evaluate(lobes, glints, d, cosine, lobe, &pdf);
+    for (int c = 0; c < 3; c++)
         LANES(l)
         {
-            const float dx = packets[k].x[l] - x, dy = packets[k].y[l] - y, dz = packets[k].z[l] - z;
-            sum[0].v[l] += dx;
-            sum[1].v[l] += dy;
-            sum[2].v[l] += dz;
-            square.v[l] += dx * dx + dy * dy + dz * dz;
+            const float theirs = TRANSPORT_GAZES * pdf.v[l];
+            brdf[c].v[l] -= lobe[c].v[l] * (theirs > 0.0f ? theirs / (density + theirs) : 0.0f);
         }
-    for (uint32_t l = 0; l < PACKET; l++) {
-        for (int c = 0; c < 3; c++)
-            mean[c] += sum[c].v[l];
-        squares += square.v[l];
-    }
-    const float n = (float)(count * PACKET);
-    const float variance = (squares - (mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]) / n) / n;
-    return variance * (NEAR_SQUARE * 6.0f / n);
 }
 
-static void edges(const struct shade_packet *packets, uint32_t count, const struct transport_view *view,
-                  uint32_t near[TRANSPORT_PACKETS])
+static void light_narrow(const struct sun_part *s, const struct sun_tile *t, const struct shade_packet *p,
+                         const uint16_t *bits, float *lo)
 {
-    const float most = near_square(packets, count);
-    uint32_t lit = 0, dark = 0;
+    struct shade_packet glints = *p;
+    struct lobes lobes, alone;
 
-    for (uint32_t k = 0; k < count; k++) {
-        near[k] = view[k].lit & view[k].dark;
-        lit += (uint32_t)__builtin_popcount(view[k].lit);
-        dark += (uint32_t)__builtin_popcount(view[k].dark);
-    }
-    const bool few_lit = lit < dark;
-    for (uint32_t k = 0; k < count; k++)
-        for (uint32_t few = few_lit ? view[k].lit : view[k].dark; few; few &= few - 1) {
-            const uint32_t at = (uint32_t)__builtin_ctz(few);
-            const float x = packets[k].x[at], y = packets[k].y[at], z = packets[k].z[at];
-            bool some = false;
-            for (uint32_t q = 0; q < count; q++) {
-                const struct shade_packet *p = &packets[q];
-                _Alignas(64) int32_t is_near[PACKET];
-                uint32_t bits = 0;
-                LANES(l)
-                {
-                    const float dx = p->x[l] - x, dy = p->y[l] - y, dz = p->z[l] - z;
-                    is_near[l] = dx * dx + dy * dy + dz * dz <= most ? 1 << l : 0;
-                }
-                for (uint32_t l = 0; l < PACKET; l++)
-                    bits |= (uint32_t)is_near[l];
-                bits &= few_lit ? view[q].dark : view[q].lit;
-                near[q] |= bits;
-                some |= bits != 0;
-            }
-            near[k] |= some ? 1u << at : 0u;
+    lobes_set_up(p, &lobes);
+    alone = lobes;
+    memset(glints.diffuse, 0, sizeof(glints.diffuse));
+    LANES(l) alone.diffuse_part.v[l] = 0.0f;
+    for (uint32_t left = s->asked; left; left &= left - 1) {
+        const int k = __builtin_ctz(left);
+        const uint32_t on = bits ? bits[k] : 0xffffu;
+        struct lanes d[3], cosine, brdf[3], pdf;
+        LANES(l)
+        {
+            d[0].v[l] = t->x[k];
+            d[1].v[l] = t->y[k];
+            d[2].v[l] = t->z[k];
         }
+        if (!on || !lobes_see(p, d, &cosine))
+            continue;
+        lobes_evaluate(&lobes, p, d, &cosine, brdf, &pdf);
+        balance(&glints, &alone, s->density[k], d, &cosine, brdf);
+        for (int c = 0; c < 3; c++)
+            LANES(l) lo[c * PACKET + l] += on >> l & 1u ? brdf[c].v[l] * s->weight[k] * s->colour[c] : 0.0f;
+    }
+}
+
+static void light(const struct sun_part *s, const struct sun_tile *t, const struct shade_packet *p, bool narrow,
+                  const uint16_t *bits, float *lo)
+{
+    struct lanes flux[3];
+
+    if (narrow) {
+        light_narrow(s, t, p, bits, lo);
+        return;
+    }
+    see_flux(s, t, p, bits, flux);
+    if (p->kind == LOBE_LAMBERT)
+        light_matte(s, p, flux, lo);
+    else
+        light_broad(s, p, flux, lo);
 }
 
 extern const struct sun_kernels KERNEL(sun_kernels);
-const struct sun_kernels KERNEL(sun_kernels) = { light, open, edges, probe };
+const struct sun_kernels KERNEL(sun_kernels) = { trace, probe, light };

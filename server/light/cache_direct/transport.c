@@ -5,7 +5,6 @@
 #include "base/mem.h"
 #include "light/cache_direct/internal.h"
 
-#include <assert.h>
 #include <string.h>
 
 void transport_destroy(struct transport *t)
@@ -21,7 +20,7 @@ void transport_destroy(struct transport *t)
     mem_free(t->blocks);
     mem_free(t->unbuilt_index);
     mem_free(t->narrow_index);
-    mem_free(t->sun_values);
+    transport_sun_finish(t);
     mem_free(t->work);
     transport_last_destroy(t->last);
     sky_split_finish(&t->sky);
@@ -112,9 +111,9 @@ static void add_gazes(const struct transport *t, const struct transport_look *lo
 }
 
 /* Returns the number of packets in penumbrae. */
-static uint32_t add_sun(const struct transport *t, const struct transport_block *b, float *lo, uint64_t *rays)
+static uint32_t add_sun(struct transport *t, uint32_t k, float *lo, uint64_t *rays)
 {
-    return t->sun.strata ? transport_sun_add(t, b, lo, rays) : 0;
+    return t->sun.count ? transport_sun_add(t, k, lo, rays) : 0;
 }
 
 static void clear_padding(const struct transport *t, const struct transport_block *b, float *lo)
@@ -156,12 +155,11 @@ enum err transport_take_sky(struct transport *t, const struct environment *e, co
     return take_cells(&t->sky, e, frame->indirect);
 }
 
-/* Splits the frame's sky and draws samples of its sun. */
+/* Splits the frame's sky and its sun. */
 static enum err take_sky(struct transport *t, const struct environment *e, const struct transport_frame *frame)
 {
-    assert(frame->samples >= 1);
     const enum err result = frame->sky_taken ? ERR_OK : transport_take_sky(t, e, frame);
-    return result ? result : transport_sun_draw(t, e, frame);
+    return result ? result : transport_sun_take(t, e);
 }
 
 static bool is_asked_for(const struct transport_frame *f, const struct transport_block *b)
@@ -250,7 +248,7 @@ static void light_cells(const struct transport *t, const struct transport_look *
 }
 
 /* Computes what has changed, and adds up the parts. Packets, far apart in memory, are not read for the rest. */
-static uint32_t shade_changes(const struct transport *t, const struct transport_look *look,
+static uint32_t shade_changes(struct transport *t, const struct transport_look *look,
                               const struct transport_frame *frame, uint32_t k, unsigned work, float *lo, uint64_t *rays)
 {
     const struct transport_block *b = &t->blocks[k];
@@ -265,7 +263,7 @@ static uint32_t shade_changes(const struct transport *t, const struct transport_
     }
     if (work & TRANSPORT_WORK_SUN) {
         memset(shone, 0, floats * sizeof(*shone));
-        penumbra = add_sun(t, b, shone, rays);
+        penumbra = add_sun(t, k, shone, rays);
         clear_padding(t, b, shone);
         transport_last_look(t, k);
     }
@@ -287,9 +285,9 @@ struct shading {
 
 static uint32_t shade_block(const struct shading *s, uint32_t k, float *lo, uint64_t *rays)
 {
-    const struct transport *t = s->transport;
+    struct transport *t = s->transport;
     const struct transport_block *b = &t->blocks[k];
-    const unsigned all = TRANSPORT_WORK_CELLS | (t->sun.strata ? TRANSPORT_WORK_SUN : 0),
+    const unsigned all = TRANSPORT_WORK_CELLS | (t->sun.count ? TRANSPORT_WORK_SUN : 0),
                    work = s->keeps ? transport_last_work(t, k) : all;
 
     memset(t->work + b->first, (int)(work & all), b->packets);
@@ -300,7 +298,7 @@ static uint32_t shade_block(const struct shading *s, uint32_t k, float *lo, uint
     if (s->keeps)
         return shade_changes(t, &s->look, s->frame, k, work, lo, rays);
     light_cells(t, &s->look, s->frame, b, lo);
-    const uint32_t penumbra = add_sun(t, b, lo, rays);
+    const uint32_t penumbra = add_sun(t, k, lo, rays);
     clear_padding(t, b, lo);
     return penumbra;
 }
@@ -336,7 +334,7 @@ static enum err begin_frame(struct transport *t, const struct environment *e, co
         { .environment = e,
           .level = t->sky.level,
           .sun = &t->sun,
-          .per_energy = t->sun.strata ? 0.25 * t->sun.few * e->n * e->n / t->sky.sun_energy : 0.0 },
+          .per_energy = t->sun.count ? 0.25 * SUN_SAMPLES * e->n * e->n / t->sky.sun_energy : 0.0 },
         is_kept(t, frame) && transport_last_begin(t, frame->indirect),
     };
     memset(t->work, 0, t->gbuffer->packet_count);

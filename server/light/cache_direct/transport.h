@@ -5,12 +5,12 @@
  * row for each part of the BRDF (light/cache_direct/internal.h); a frame multiplies the rows by the point's colours.
  *
  * A mean over 5.6 degrees would blur the shadows of the sun. So sky/tables/sky_split.h splits the map: T transports the
- * lower part, and every frame traces rays to the sun, few where neighbouring points agree on its visibility and
- * up to eight times as many elsewhere. Lobes narrower than a cell have directions of their own with stored visibility,
+ * lower part, and the cache remembers which directions to the sun each point sees, asking for them as suns come there
+ * (sun.c). Lobes narrower than a cell have directions of their own with stored visibility,
  * and look up the map texel by texel.
  *
- * The result is biased: a cell has one radiance, T is a quadrature and is compressed within a tolerance, and the few
- * rays miss thin penumbrae. docs/internals/transport-cache.md has figures.
+ * The result is biased: a cell has one radiance, T is a quadrature and is compressed within a tolerance, and the
+ * sun is a sum over directions. docs/internals/transport-cache.md has figures.
  *
  * One struct transport per thread of control. transport_create and transport_shade run on all OpenMP threads and give
  * the same bits at any number of them. LAPACK compresses; its rounding may differ between types of processors. */
@@ -75,8 +75,6 @@ enum transport_narrow {
 };
 
 struct transport_frame {
-    uint32_t samples;          /* N >= 1; the sun gets N / 64 to N / 8 rays per point */
-    uint64_t seed, pass;       /* choose the samples of the sun */
     const atomic_bool *cancel; /* NULL, or a flag that ends the frame early */
     bool unsplit;              /* no sun: cells only, linear in the map up to rounding */
     /* Indirect light of the same cache (indirect_of_frame), added before colours multiply; NULL: none. */

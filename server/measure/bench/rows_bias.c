@@ -280,7 +280,7 @@ static void count_seams(const struct seams *s, uint64_t *all, uint64_t *seen)
 
 static enum err measure_seams(struct seams *s, struct bench *b, struct bench_row *row)
 {
-    const struct transport_frame frame = { .samples = CACHED_SAMPLES };
+    const struct transport_frame frame = { .end = 0 };
     const struct gbuffer *g = s->set->gbuffer;
     struct transport_frame_stats stats;
     uint64_t all = 0, seen = 0;

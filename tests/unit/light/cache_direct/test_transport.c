@@ -11,12 +11,11 @@
 
 enum { WIDTH = 48, HEIGHT = 27 };
 
-static float *shade_by(struct transport *t, const struct gbuffer *g, const struct environment *e, uint32_t samples,
+static float *shade_by(struct transport *t, const struct gbuffer *g, const struct environment *e,
                        struct transport_frame_stats *stats)
 {
     float *lo = mem_alloc((size_t)g->packet_count * 3 * PACKET, sizeof(float));
-    assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .samples = samples, .seed = 3 }, lo, stats),
-                     ERR_OK);
+    assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .end = 0 }, lo, stats), ERR_OK);
     return lo;
 }
 
@@ -113,7 +112,7 @@ static void a_constant_sky_meets_the_closed_form(void **state)
     for (uint32_t l = 7; l < PACKET; l++)
         g.packets[5].valid[l] = 0;
     struct transport *t = transport_of(&g, NULL, &(struct transport_desc){ .no_visibility = true, .tolerance = -1.0f });
-    float *lo = shade_by(t, &g, e, 64, &stats);
+    float *lo = shade_by(t, &g, e, &stats);
     double worst = 0.0;
     assert_int_equal(stats.sun, 0);
     for (uint32_t i = 0; i < g.packet_count; i++)
@@ -155,7 +154,7 @@ static void rows_and_colours_make_up_each_lobe(void **state)
             }
         const struct transport_desc raw = { .no_visibility = true, .tolerance = -1.0f, .tolerance_glossy = -1.0f };
         struct transport *t = transport_of(&g, NULL, &raw);
-        float *lo = shade_by(t, &g, e, 64, &stats), *want = converge(&g, NULL, e, 32768);
+        float *lo = shade_by(t, &g, e, &stats), *want = converge(&g, NULL, e, 32768);
         const double error = rel_mse(&g, lo, want);
         assert_int_equal(stats.sun, 0);
         if (error > 1e-4) {
@@ -183,7 +182,7 @@ static void the_bias_floor_is_low_under_smooth_skies(void **state)
 
     for (uint64_t k = 0; k < seeds_count(2, 3); k++) {
         struct environment *e = sky_environment(k ? smooth_sky(k) : sky_overcast(128, 64), 128, 0.0);
-        float *lo = shade_by(t, g, e, 64, &stats), *want = converge(g, set->rays, e, 4096);
+        float *lo = shade_by(t, g, e, &stats), *want = converge(g, set->rays, e, 4096);
         const double error = rel_mse(g, lo, want);
         assert_int_equal(stats.sun, 0);
         assert_true(stats.rays == 0);
@@ -199,8 +198,8 @@ static void the_bias_floor_is_low_under_smooth_skies(void **state)
     set_destroy(set);
 }
 
-/* With a sun, traced by 32 and 128 rays where it matters, the sum is the whole: the mean over the image to 0.3 %, of
- * which penumbrae that the few rays miss are a part, and no pixel far off. The sun lost or counted twice is 50 %. */
+/* With a sun, traced where it matters, the sum is the whole: the mean over the image to 0.3 %, and no pixel far off.
+ * The sun lost or counted twice is 50 %. */
 static void the_bright_part_makes_it_whole_again(void **state)
 {
     struct prepared_scene *set = court_of_length();
@@ -211,7 +210,7 @@ static void the_bright_part_makes_it_whole_again(void **state)
     double sum[2] = { 0.0 };
     (void)state;
 
-    float *lo = shade_by(t, g, e, 1024, &stats), *want = converge(g, set->rays, e, 4096);
+    float *lo = shade_by(t, g, e, &stats), *want = converge(g, set->rays, e, 4096);
     assert_true(stats.sun > 0 && stats.share > 0.1 && stats.rays > 0 && stats.penumbra > 0);
     for (size_t i = 0; i < (size_t)g->packet_count * 3 * PACKET; i++) {
         sum[0] += (double)lo[i];
@@ -249,7 +248,7 @@ static void compression_keeps_to_its_tolerance(void **state)
         struct transport_frame_stats stats;
         float *lo[3];
         for (int k = 0; k < 3; k++)
-            lo[k] = shade_by(t[k], g, e, 64, &stats);
+            lo[k] = shade_by(t[k], g, e, &stats);
         double error[3] = { 0.0 }, norm = 0.0;
         for (size_t i = 0; i < floats; i++) {
             norm += (double)lo[0][i] * (double)lo[0][i];
@@ -285,7 +284,7 @@ static void threads_and_cpu_levels_do_not_change_the_bits(void **state)
             omp_set_num_threads(n);
             assert_int_equal(transport_create(g, set->rays, *k, &(struct transport_desc){ .seed = 1 }, &t, &why),
                              ERR_OK);
-            float *lo = shade_by(t, g, e, 64, &stats);
+            float *lo = shade_by(t, g, e, &stats);
             if (first)
                 assert_memory_equal(first, lo, floats * sizeof(float));
             transport_destroy(t);
@@ -301,8 +300,8 @@ static void threads_and_cpu_levels_do_not_change_the_bits(void **state)
 }
 
 /* What blocks have seen of the sun's cells spares rays and hardly changes an image: where it is forgotten, so that all
- * packets trace, no more than one point in 500 comes out otherwise. Blocks that were lit and dark the wrong way round
- * would be most of them; measured are 6 of 87 024 values. */
+ * packets trace, no more than one value in 200 comes out otherwise, under a sun of 5.6 degrees. Blocks that were lit
+ * and dark the wrong way round would be most of them; measured are 297 of 86 436. */
 static void what_blocks_have_seen_spares_rays(void **state)
 {
     struct prepared_scene *set = court(160, 90);
@@ -313,16 +312,20 @@ static void what_blocks_have_seen_spares_rays(void **state)
     (void)state;
 
     struct environment *e = sky_environment(sky_with_sun(128, 64, 2e3f), 128, 0.0);
-    float *lo = shade_by(t, g, e, 64, &with);
-    for (uint32_t k = 0; k < t->block_count; k++)
+    float *lo = shade_by(t, g, e, &with);
+    for (uint32_t k = 0; k < t->block_count; k++) {
         memset(t->blocks[k].sight, 0xff, sizeof(*t->blocks[k].sight));
-    float *traced = shade_by(t, g, e, 64, &without);
+        transport_sun_forget(t, k);
+    }
+    transport_last_destroy(t->last);
+    t->last = NULL;
+    float *traced = shade_by(t, g, e, &without);
     for (size_t i = 0; i < (size_t)g->packet_count * 3 * PACKET; i++)
         other += lo[i] != traced[i];
     printf("%.4f of the rays, %u of %u values differ\n", (double)with.rays / (double)without.rays, other,
            (unsigned)(g->point_count * 3));
     assert_true((double)with.rays < 0.95 * (double)without.rays);
-    assert_true(other * 500.0 < 3.0 * (double)g->point_count);
+    assert_true(other * 200.0 < 3.0 * (double)g->point_count);
     mem_free(lo);
     mem_free(traced);
     environment_destroy(e);
@@ -357,7 +360,7 @@ static void lobes_narrower_than_a_cell_look_for_themselves(void **state)
         assert_int_equal(transport_stats(t)->packets, 3);
         for (int i = 0; i < 3 * 3 * PACKET; i++)
             lo[i] = -1.0f;
-        assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .samples = 16 }, lo, &stats), ERR_OK);
+        assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .end = 0 }, lo, &stats), ERR_OK);
         for (int i = 0; i < 3 * 3 * PACKET; i++)
             assert_true(lo[i] > 0.0f);
         transport_destroy(t);
@@ -422,7 +425,7 @@ static void narrow_lobes_balance_their_own_looks_with_the_suns(void **state)
         if (k % 2 == 0)
             points_aim(&g, e, 30 + k);
         struct transport *t = transport_of(&g, NULL, &(struct transport_desc){ .no_visibility = true });
-        float *lo = shade_by(t, &g, e, 256, &stats), *want = converge(&g, NULL, e, 2048);
+        float *lo = shade_by(t, &g, e, &stats), *want = converge(&g, NULL, e, 2048);
         assert_int_equal(transport_stats(t)->narrow, g.packet_count);
         assert_true((stats.sun > 0) == (k % 2 == 0));
         for (size_t i = 0; i < (size_t)g.packet_count * 3 * PACKET; i++) {
@@ -470,7 +473,7 @@ static void a_turning_sky_passes_narrow_lobes_without_steps(void **state)
         environment_configure(e, &(struct environment_desc){ .rotation_degrees = 0.1 * i });
         assert_int_equal(environment_rebuild(e, &why), ERR_OK);
         mem_free(lo[i % 3]);
-        lo[i % 3] = shade_by(t, &g, e, 16, &stats);
+        lo[i % 3] = shade_by(t, &g, e, &stats);
         for (size_t k = 0; k < (size_t)g.packet_count * 3 * PACKET && i >= 2; k++) {
             const double now = (double)lo[i % 3][k], last = (double)lo[(i + 2) % 3][k];
             worst = fmax(worst, fabs(now - 2.0 * last + (double)lo[(i + 1) % 3][k]));
@@ -536,13 +539,13 @@ static void any_sky_may_follow_any(void **state)
     struct transport_frame_stats stats;
     (void)state;
 
-    float *first = shade_by(t, g, e, 64, &stats);
+    float *first = shade_by(t, g, e, &stats);
     sky_paint(&lone, 10, 8, 1.0f, 1.0f, 1.0f);
     struct environment *others[] = { sky_environment(sky_overcast(64, 32), 24, 0.0),
                                      sky_environment(sky_constant(32, 16, 0.0f), 256, 0.0),
                                      sky_environment(lone, 8, 0.0) };
     for (size_t k = 0; k < 3; k++) {
-        float *lo = shade_by(t, g, others[k], 256, &stats);
+        float *lo = shade_by(t, g, others[k], &stats);
         double sum = 0.0;
         for (size_t i = 0; i < floats; i++) {
             assert_true(isfinite(lo[i]) && lo[i] >= 0.0f);
@@ -552,7 +555,7 @@ static void any_sky_may_follow_any(void **state)
         mem_free(lo);
         environment_destroy(others[k]);
     }
-    float *again = shade_by(t, g, e, 64, &stats);
+    float *again = shade_by(t, g, e, &stats);
     assert_memory_equal(first, again, floats * sizeof(float));
     mem_free(first);
     mem_free(again);

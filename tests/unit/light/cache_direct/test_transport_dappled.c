@@ -39,9 +39,8 @@ static double mean_of(const struct gbuffer *g, const float *lo)
     return sum / (3.0 * (double)g->point_count);
 }
 
-/* Of 64 samples eight go to the sun. Where points count as dark by the first ones, because these agree, the shade comes
- * out too dark: by 1.4 % of all light if each point decides by itself, which this is to find, and by 0.4 % as it is.
- * The mean over 3000 points and eight seeds scatters by 0.1 %. */
+/* Where points count as dark because the first directions agree, the shade comes out too dark: by 0.44 % of all light
+ * if each point decides by itself, which this is to find, and by 0.21 % as it is: always the same numbers. */
 static void dappled_shade_is_not_darker_than_it_is(void **state)
 {
     const struct camera above = { "above", { 0, 1.8f, 0.01f }, { 0, 0, 0 }, { 0, 0, -1 }, 1.2f };
@@ -63,18 +62,15 @@ static void dappled_shade_is_not_darker_than_it_is(void **state)
     const size_t packets = g->packet_count;
     float *lo = mem_alloc(packets, 3 * PACKET * sizeof(float)), *want = mem_alloc(packets, 3 * PACKET * sizeof(float));
     t = transport_of(g, w.rays, &desc);
-    double sum = 0.0;
-    for (uint64_t seed = 0; seed < 8; seed++) {
-        const struct transport_frame frame = { .samples = 64, .seed = seed };
-        assert_int_equal(transport_shade(t, w.environment, &frame, lo, &stats), ERR_OK);
-        sum += mean_of(g, lo) / 8.0;
-    }
+    const struct transport_frame frame = { .end = 0 };
+    assert_int_equal(transport_shade(t, w.environment, &frame, lo, &stats), ERR_OK);
+    const double sum = mean_of(g, lo);
     struct direct *d = direct_create(best_kernels());
     assert_int_equal(direct_shade(d, g, w.rays, w.environment, &all, want, &direct_stats), ERR_OK);
     printf("%.4f of what it is; %u of %zu packets in penumbrae, %.2f of the light bright\n", sum / mean_of(g, want),
            stats.penumbra, packets, stats.share);
     assert_true(stats.penumbra > packets / 2);
-    assert_true(fabs(sum / mean_of(g, want) - 1.0) < 0.008);
+    assert_true(fabs(sum / mean_of(g, want) - 1.0) < 0.0033);
     direct_destroy(d);
     transport_destroy(t);
     gbuffer_destroy(g);

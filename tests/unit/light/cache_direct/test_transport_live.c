@@ -62,7 +62,7 @@ static void sample(struct stage *s, const struct packet_list *only, uint32_t sam
 /* A frame as a relighter makes it; the one before is kept in s->before. */
 static void make_frame(struct stage *s)
 {
-    const struct transport_frame frame = { .samples = 16, .seed = 3 };
+    const struct transport_frame frame = { .end = 0 };
     struct transport_frame_stats stats;
 
     memcpy(s->before, s->lo, s->floats * sizeof(float));
@@ -75,7 +75,7 @@ static void make_frame(struct stage *s)
 /* The image of the cache that is made at once, and what that takes. */
 static float *wait_for(struct stage *s, struct transport_stats *stats)
 {
-    const struct transport_frame frame = { .samples = 16, .seed = 3 };
+    const struct transport_frame frame = { .end = 0 };
     struct transport_frame_stats one;
     struct transport *t;
     float *lo = mem_alloc(s->floats, sizeof(float));
@@ -254,7 +254,7 @@ static void coarse_lobes_are_balanced(void **state)
         enum lobe_kind kind;
         float gloss;
     } lobes[] = { { LOBE_PHONG, 30.0f }, { LOBE_GGX, 0.2f } };
-    const struct transport_frame frame = { .samples = 16 };
+    const struct transport_frame frame = { .end = 0 };
     struct environment *e = sky_environment(sky_overcast(64, 32), 64, 0.0);
     struct transport_frame_stats stats;
     struct transport_live *live;

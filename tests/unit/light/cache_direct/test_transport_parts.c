@@ -202,7 +202,7 @@ static void the_suns_share_is_that_of_all_light(void **state)
         if (k < 2)
             sky_paint(&f, 10, 8, 1e5f * unit, 1e5f * unit, 1e5f * unit);
         struct environment *e = sky_environment(f, 32, 0.0);
-        const struct transport_frame frame = { .samples = 64 };
+        const struct transport_frame frame = { .end = 0 };
         struct transport_frame_stats stats;
         assert_int_equal(transport_shade(t, e, &frame, lo, &stats), ERR_OK);
         printf("share %.4f\n", stats.share);

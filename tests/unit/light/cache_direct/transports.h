@@ -22,7 +22,7 @@ static inline struct transport *transport_of(const struct gbuffer *g, const stru
 static inline void add_indirect_alone(const struct transport_indirect *indirect, const struct gbuffer *g,
                                       const struct environment *e, float *lo)
 {
-    const struct transport_frame frame = { .samples = 1, .indirect = indirect };
+    const struct transport_frame frame = { .indirect = indirect };
     struct transport_frame_stats stats;
     struct transport_live *live;
     struct reason why;

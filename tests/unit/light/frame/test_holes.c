@@ -138,7 +138,7 @@ static void caches_in_a_shell_with_holes(void **state)
     struct reason why;
 
     (void)state;
-    assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .samples = 64 }, x.lo, &stats), ERR_OK);
+    assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .end = 0 }, x.lo, &stats), ERR_OK);
     const double direct = mean_of_points(&x);
     assert_int_equal(indirect_create(&desc, best_kernels(), &b, &why), ERR_OK);
     clear(&x);
@@ -233,7 +233,7 @@ static void light_below_a_perforated_card(void **state)
     struct lit x = lit_create(s, WIDTH, HEIGHT);
     assert_direct(&x, e, want, 2e-3);
     struct transport *t = transport_of(x.gbuffer, x.rays, &(struct transport_desc){ .per_cell = 2 });
-    assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .samples = 64 }, x.lo, &stats), ERR_OK);
+    assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .end = 0 }, x.lo, &stats), ERR_OK);
     printf("transport: %.5f, want %.5f\n", mean_of_points(&x), want);
     assert_true(fabs(mean_of_points(&x) / want - 1.0) < 5e-3);
     transport_destroy(t);

@@ -112,7 +112,7 @@ static void caches_in_a_shell_that_transmits(void **state)
     struct reason why;
 
     (void)state;
-    assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .samples = 64 }, x.lo, &stats), ERR_OK);
+    assert_int_equal(transport_shade(t, e, &(struct transport_frame){ .end = 0 }, x.lo, &stats), ERR_OK);
     const double direct = mean_of_pixels(&x);
     assert_int_equal(indirect_create(&desc, best_kernels(), &b, &why), ERR_OK);
     clear(&x);
