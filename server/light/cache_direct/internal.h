@@ -114,11 +114,17 @@ struct sun_part {
     float density[SUN_TILE]; /* sr^-1, of SUN_SAMPLES samples by luminance: for the balance heuristic */
 };
 
+struct sun_parts {
+    uint32_t count, capacity;
+    struct sun_part *at;
+};
+
 struct transport_sun {
-    uint32_t count; /* parts; 0: no sun */
-    struct sun_part *parts;
-    /* A cone that contains the whole sun: unit. Too wide a cone: -2, which all directions meet. */
-    float axis[3], cosine;
+    struct sun_parts parts; /* none: no sun */
+    struct sun_parts ahead; /* directions that it may come to next: only keys, tiles and what is asked */
+    /* A cone that contains the whole sun: unit. Too wide a cone: -2 and 2, which all directions meet. */
+    float axis[3], cosine, sine;
+    float colour[3], flux[3]; /* of the whole sun, as of a part */
 };
 
 /* A frame's sky for narrow lobes, which look it up texel by texel. */
@@ -158,6 +164,9 @@ struct sun_kernels {
     /* One ray to the tile from each of 16 points, spread over a block's packets. Returns the number of rays. */
     uint64_t (*probe)(const struct rays *rays, const struct sun_tile *t, const struct shade_packet *packets,
                       uint32_t count, struct transport_view *view);
+    /* Adds the light of all of the sun to lo[3][16], as from one direction. False, and nothing is added, if a horizon
+     * may cut it. */
+    bool (*whole)(const struct transport_sun *s, const struct shade_packet *p, float *lo);
     /* Adds the light of a part of the sun to lo[3][16]. bits: as traced; NULL: everything above the horizons is
      * visible. narrow: the packet has gazes too, and the lobes count with their balance heuristic share. */
     void (*light)(const struct sun_part *s, const struct sun_tile *t, const struct shade_packet *p, bool narrow,
@@ -249,7 +258,6 @@ struct transport {
 
     struct sky_split sky; /* of the last frame */
     struct transport_sun sun;
-    uint32_t sun_capacity; /* of sun.parts */
     struct sun_index *index;
     uint64_t index_bytes; /* beyond which it forgets tiles that no frame asks for any more */
 };

@@ -21,9 +21,8 @@ struct transport_last {
     bool moved;              /* because all of the sky counts as changed */
     uint64_t changed[WORDS]; /* chunks of the sky that differ from the last frame's */
     _Alignas(64) float cells[SKY_CHUNKS][3][SKY_CHUNK];
-    struct transport_sun sun; /* with parts of its own */
-    uint32_t capacity;        /* of them */
-    const void *indirect;     /* whose; NULL: none */
+    struct sun_parts sun;
+    const void *indirect; /* whose; NULL: none */
     float *coefficients;
     uint32_t coefficient_count;
     uint64_t (*sees)[WORDS]; /* [block_count]: chunks of the sky that reach the block */
@@ -35,7 +34,7 @@ void transport_last_destroy(struct transport_last *l)
 {
     if (!l)
         return;
-    mem_free(l->sun.parts);
+    mem_free(l->sun.at);
     mem_free(l->coefficients);
     mem_free(l->sees);
     mem_free(l->states);
@@ -46,9 +45,9 @@ void transport_last_destroy(struct transport_last *l)
 
 /* ---- What has changed ---- */
 
-static bool same_sun(const struct transport_sun *a, const struct transport_sun *b)
+static bool same_sun(const struct sun_parts *a, const struct sun_parts *b)
 {
-    return a->count == b->count && (a->count == 0 || memcmp(a->parts, b->parts, a->count * sizeof(*a->parts)) == 0);
+    return a->count == b->count && (a->count == 0 || memcmp(a->at, b->at, a->count * sizeof(*a->at)) == 0);
 }
 
 static bool same_indirect(const struct transport_last *l, const struct transport_indirect *i)
@@ -75,22 +74,18 @@ static uint32_t compare_cells(struct transport_last *l, const struct sky_split *
 
 /* ---- This frame's inputs, for the next one ---- */
 
-static bool keep_sun(struct transport_last *l, const struct transport_sun *b)
+static bool keep_sun(struct transport_last *l, const struct sun_parts *b)
 {
-    struct sun_part *parts = l->sun.parts;
-
-    if (b->count > l->capacity) {
-        mem_free(parts);
-        l->capacity = 0;
-        l->sun.parts = parts = mem_alloc(b->count, sizeof(*parts));
-        if (!parts)
+    if (b->count > l->sun.capacity) {
+        mem_free(l->sun.at);
+        l->sun = (struct sun_parts){ .at = mem_alloc(b->count, sizeof(*b->at)) };
+        if (!l->sun.at)
             return false;
-        l->capacity = b->count;
+        l->sun.capacity = b->count;
     }
-    l->sun = *b;
-    l->sun.parts = parts;
+    l->sun.count = b->count;
     if (b->count)
-        memcpy(parts, b->parts, b->count * sizeof(*parts));
+        memcpy(l->sun.at, b->at, b->count * sizeof(*b->at));
     return true;
 }
 
@@ -149,15 +144,15 @@ bool transport_last_begin(struct transport *t, const struct transport_indirect *
     if (!l && !(l = t->last = mem_alloc(1, sizeof(*l))))
         return false;
     const uint32_t changed = compare_cells(l, &t->sky);
-    const bool as_sunny = same_sun(&t->sun, &l->sun), same_rest = same_indirect(l, indirect);
-    const bool alike = (same_rest && 2 * changed < SKY_CHUNKS) || (as_sunny && t->sun.count > 0);
+    const bool as_sunny = same_sun(&t->sun.parts, &l->sun), same_rest = same_indirect(l, indirect);
+    const bool alike = (same_rest && 2 * changed < SKY_CHUNKS) || (as_sunny && t->sun.parts.count > 0);
 
     l->moved = !same_rest;
     l->lit_all = !l->known || !same_rest;
     l->shone_all = !l->known || !as_sunny;
     l->known = false;
     memcpy(l->cells, t->sky.cells, sizeof(l->cells));
-    return keep_sun(l, &t->sun) && keep_indirect(l, indirect) && alike && reserve_light(l, t);
+    return keep_sun(l, &t->sun.parts) && keep_indirect(l, indirect) && alike && reserve_light(l, t);
 }
 
 void transport_last_end(struct transport *t, bool complete)

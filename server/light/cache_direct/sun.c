@@ -175,30 +175,37 @@ static int64_t find_entry(struct transport *t, uint32_t key, uint32_t grid, uint
 
 /* ---- A frame's sun ---- */
 
-/* The part of a tile, which is added if the frame has none there yet. NULL when out of memory. */
-static struct sun_part *find_part(struct transport *t, uint32_t grid, uint32_t face, uint32_t row, uint32_t column)
+/* The part of the tile that contains a square of the grid; it is added if there is none yet. NULL when out of memory.
+ */
+static struct sun_part *find_part(struct transport *t, struct sun_parts *s, uint32_t grid, uint32_t face, uint32_t y,
+                                  uint32_t x)
 {
-    struct transport_sun *s = &t->sun;
-    const uint32_t edge = grid / SUN_EDGE, key = ((face * edge + row) * edge + column) * 2 * SUN_GRID + grid;
+    const uint32_t edge = grid / SUN_EDGE, row = y / SUN_EDGE, column = x / SUN_EDGE,
+                   key = ((face * edge + row) * edge + column) * 2 * SUN_GRID + grid;
 
     for (uint32_t k = s->count; k-- > 0;) /* the last ones are the likeliest */
-        if (s->parts[k].key == key)
-            return &s->parts[k];
-    if (s->count == t->sun_capacity) {
-        const uint32_t more = t->sun_capacity ? 2 * t->sun_capacity : 16;
-        struct sun_part *parts = mem_grow(s->parts, s->count, more, sizeof(*parts));
+        if (s->at[k].key == key)
+            return &s->at[k];
+    if (s->count == s->capacity) {
+        const uint32_t more = s->capacity ? 2 * s->capacity : 16;
+        struct sun_part *parts = mem_grow(s->at, s->count, more, sizeof(*parts));
         if (!parts)
             return NULL;
-        s->parts = parts;
-        t->sun_capacity = more;
+        s->at = parts;
+        s->capacity = more;
     }
     const int64_t tile = find_entry(t, key, grid, face, row, column);
     if (tile < 0)
         return NULL;
-    memset(&s->parts[s->count], 0, sizeof(*s->parts));
-    s->parts[s->count].key = key;
-    s->parts[s->count].tile = (uint32_t)tile;
-    return &s->parts[s->count++];
+    memset(&s->at[s->count], 0, sizeof(*s->at));
+    s->at[s->count].key = key;
+    s->at[s->count].tile = (uint32_t)tile;
+    return &s->at[s->count++];
+}
+
+static uint32_t square_bit(uint32_t y, uint32_t x)
+{
+    return y % SUN_EDGE * SUN_EDGE + x % SUN_EDGE;
 }
 
 /* Spreads a texel's light over the directions whose squares it meets. */
@@ -211,13 +218,13 @@ static enum err spread_texel(struct transport *t, const struct environment *e, u
 
     for (uint32_t y = i * grid / n; y * n < (i + 1) * grid; y++)
         for (uint32_t z = j * grid / n; z * n < (j + 1) * grid; z++) {
-            struct sun_part *p = find_part(t, grid, face, y / SUN_EDGE, z / SUN_EDGE);
+            struct sun_part *p = find_part(t, &t->sun.parts, grid, face, y, z);
             if (!p)
                 return ERR_NOMEM;
             const double u0 = fmax(2.0 * z / grid, 2.0 * j / n), u1 = fmin(2.0 * (z + 1) / grid, 2.0 * (j + 1) / n),
                          v0 = fmax(2.0 * y / grid, 2.0 * i / n), v1 = fmin(2.0 * (y + 1) / grid, 2.0 * (i + 1) / n);
             const float solid = (float)cube_solid_angle(u0 - 1.0, v0 - 1.0, u1 - 1.0, v1 - 1.0);
-            const uint32_t k = y % SUN_EDGE * SUN_EDGE + z % SUN_EDGE;
+            const uint32_t k = square_bit(y, z);
             p->asked |= 1u << k;
             p->weight[k] += solid * rgb_luminance(rgb[0], rgb[1], rgb[2]);
             for (int c = 0; c < 3; c++)
@@ -244,32 +251,81 @@ static void finish_part(const struct transport *t, const struct environment *e, 
 }
 
 #define CONE_COSINE 0.9f /* of the widest cone */
+#define SMALL_COSINE                                                                                                   \
+    0.9994f /* of the widest sun, 4 degrees across, that lobes as wide as a cell see as one direction */
 
-static void find_cone(const struct transport *t, struct transport_sun *s)
+static void sum_parts(const struct transport *t, struct transport_sun *s)
 {
-    float axis[3] = { 0.0f }, least = 1.0f;
+    float least = 1.0f, sum = 0.0f;
 
-    for (uint32_t k = 0; k < s->count; k++)
-        for (int i = 0; i < 3; i++)
-            axis[i] += s->parts[k].flux[i];
-    const float length = sqrtf(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
-    for (int i = 0; i < 3; i++)
-        s->axis[i] = length > 0.0f ? axis[i] / length : 0.0f;
-    for (uint32_t k = 0; k < s->count; k++) {
-        const struct sun_tile *q = t->index->entries[s->parts[k].tile].tile;
+    memset(s->flux, 0, sizeof(s->flux));
+    memset(s->colour, 0, sizeof(s->colour));
+    for (uint32_t k = 0; k < s->parts.count; k++) {
+        float weight = 0.0f;
+        for (uint32_t d = 0; d < SUN_TILE; d++)
+            weight += s->parts.at[k].weight[d];
+        sum += weight;
+        for (int i = 0; i < 3; i++) {
+            s->flux[i] += s->parts.at[k].flux[i];
+            s->colour[i] += weight * s->parts.at[k].colour[i];
+        }
+    }
+    const float length = sqrtf(s->flux[0] * s->flux[0] + s->flux[1] * s->flux[1] + s->flux[2] * s->flux[2]);
+    for (int i = 0; i < 3; i++) {
+        s->axis[i] = length > 0.0f ? s->flux[i] / length : 0.0f;
+        s->colour[i] = sum > 0.0f ? s->colour[i] / sum : 0.0f;
+    }
+    for (uint32_t k = 0; k < s->parts.count; k++) {
+        const struct sun_tile *q = t->index->entries[s->parts.at[k].tile].tile;
         const float c = s->axis[0] * q->axis[0] + s->axis[1] * q->axis[1] + s->axis[2] * q->axis[2];
         least = fminf(least, cosf(acosf(fminf(1.0f, c)) + asinf(fminf(1.0f, q->sine))));
     }
     s->cosine = least > CONE_COSINE ? least - 1e-6f : -2.0f;
+    s->sine = least > SMALL_COSINE ? sqrtf(1.0f - least * least) + 1e-5f : 2.0f;
+}
+
+#define SUN_AHEAD 8            /* frames in which the directions that a sun comes to next are traced */
+#define SUN_AHEAD_LEAST 0.995f /* cosine of the longest way in so many frames, 6 degrees: a sun that jumps */
+
+/* A moving sun would ask for many new directions in one frame and for none in the next ones. So frames ask early for
+ * what it will meet if it goes on, each for a part of the blocks. */
+static enum err look_ahead(struct transport *t, uint32_t grid, const float before[3])
+{
+    const struct sun_parts *now = &t->sun.parts;
+    const float *axis = t->sun.axis;
+    float way[3];
+
+    t->sun.ahead.count = 0;
+    for (int i = 0; i < 3; i++)
+        way[i] = SUN_AHEAD * (axis[i] - before[i]);
+    const float square = way[0] * way[0] + way[1] * way[1] + way[2] * way[2];
+    if (square < 1e-8f || square > 2.0f * (1.0f - SUN_AHEAD_LEAST) || !(t->sun.sine < 1.0f))
+        return ERR_OK;
+    for (uint32_t k = 0; k < now->count; k++) {
+        const struct sun_tile *q = t->index->entries[now->at[k].tile].tile;
+        for (uint32_t left = now->at[k].asked; left; left &= left - 1) {
+            const int d = __builtin_ctz(left);
+            const float w[3] = { q->x[d] + way[0], q->y[d] + way[1], q->z[d] + way[2] };
+            float u, v;
+            const uint32_t at = cube_texel(grid, w, &u, &v), y = at / grid % grid, x = at % grid;
+            struct sun_part *p = find_part(t, &t->sun.ahead, grid, at / (grid * grid), y, x);
+            if (!p)
+                return ERR_NOMEM;
+            p->asked |= 1u << square_bit(y, x);
+            q = t->index->entries[now->at[k].tile].tile;
+        }
+    }
+    return ERR_OK;
 }
 
 enum err transport_sun_take(struct transport *t, const struct environment *e)
 {
     struct transport_sun *s = &t->sun;
+    const float before[3] = { s->axis[0], s->axis[1], s->axis[2] };
     enum err result = ERR_OK;
     uint32_t grid = SUN_GRID;
 
-    s->count = 0;
+    s->parts.count = 0;
     if (!t->index && !(t->index = mem_alloc(1, sizeof(*t->index))))
         return ERR_NOMEM;
     t->index->frame++;
@@ -279,11 +335,13 @@ enum err transport_sun_take(struct transport *t, const struct environment *e)
         grid /= 2;
     for (uint32_t k = 0; k < t->sky.sun_count && !result; k++)
         result = spread_texel(t, e, grid, t->sky.sun[k]);
-    for (uint32_t k = 0; k < s->count && !result; k++)
-        finish_part(t, e, &s->parts[k]);
-    find_cone(t, s);
+    for (uint32_t k = 0; k < s->parts.count && !result; k++)
+        finish_part(t, e, &s->parts.at[k]);
+    sum_parts(t, s);
+    if (!result)
+        result = look_ahead(t, grid, before);
     if (result)
-        s->count = 0;
+        s->parts.count = s->ahead.count = 0;
     return result;
 }
 
@@ -300,9 +358,10 @@ void transport_sun_finish(struct transport *t)
     if (t->index)
         mem_free(t->index->entries);
     mem_free(t->index);
-    mem_free(t->sun.parts);
+    mem_free(t->sun.parts.at);
+    mem_free(t->sun.ahead.at);
     t->index = NULL;
-    t->sun.parts = NULL;
+    t->sun.parts = t->sun.ahead = (struct sun_parts){ .count = 0 };
 }
 
 /* ---- Blocks ---- */
@@ -390,23 +449,52 @@ static const struct sun_view *look(const struct transport *t, uint32_t block, co
     return v;
 }
 
+/* Adds the light of some packets, part by part; at once, so that it has the same bits to whatever it is added. */
+static void add_parts(const struct transport *t, uint32_t block, uint32_t packets, float *lo, uint64_t *rays)
+{
+    const struct transport_block *b = &t->blocks[block];
+    float sum[TRANSPORT_PACKETS * 3 * PACKET] = { 0.0f };
+
+    for (uint32_t i = 0; i < t->sun.parts.count; i++) {
+        const struct sun_part *p = &t->sun.parts.at[i];
+        struct sun_view own;
+        const struct sun_view *v = look(t, block, p, &own, rays);
+        for (uint32_t left = (v->lit | v->mixed) & packets; left; left &= left - 1) {
+            const uint32_t k = (uint32_t)__builtin_ctz(left);
+            t->kernels->sun->light(p, t->index->entries[p->tile].tile, &t->gbuffer->packets[b->first + k], b->narrow,
+                                   v->mixed >> k & 1 ? v->bits[k] : NULL, sum + (size_t)k * 3 * PACKET);
+        }
+    }
+    for (uint32_t left = packets; left; left &= left - 1) {
+        const size_t at = (size_t)__builtin_ctz(left) * 3 * PACKET;
+        for (size_t i = at; i < at + 3 * PACKET; i++)
+            lo[i] += sum[i];
+    }
+}
+
 uint32_t transport_sun_add(struct transport *t, uint32_t block, float *lo, uint64_t *rays)
 {
     const struct transport_block *b = &t->blocks[block];
-    float sum[TRANSPORT_PACKETS * 3 * PACKET] = { 0.0f }; /* added at once: lo and another array give the same bits */
-    uint32_t mixed = 0;
+    uint32_t all = b->narrow ? 0 : (1u << b->packets) - 1, some = 0, mixed = 0;
 
-    for (uint32_t i = 0; i < t->sun.count; i++) {
-        const struct sun_part *p = &t->sun.parts[i];
+    for (uint32_t i = 0; i < t->sun.parts.count; i++) {
         struct sun_view own;
-        const struct sun_view *v = look(t, block, p, &own, rays);
-        for (uint32_t k = 0; k < b->packets; k++)
-            if ((v->lit | v->mixed) >> k & 1)
-                t->kernels->sun->light(p, t->index->entries[p->tile].tile, &t->gbuffer->packets[b->first + k],
-                                       b->narrow, v->mixed >> k & 1 ? v->bits[k] : NULL, sum + (size_t)k * 3 * PACKET);
+        const struct sun_view *v = look(t, block, &t->sun.parts.at[i], &own, rays);
+        all &= v->lit;
+        some |= v->lit | v->mixed;
         mixed |= v->mixed;
     }
-    for (size_t i = 0; i < (size_t)b->packets * 3 * PACKET; i++)
-        lo[i] += sum[i];
+    some &= (1u << b->packets) - 1;
+    for (uint32_t left = all; left; left &= left - 1) {
+        const uint32_t k = (uint32_t)__builtin_ctz(left);
+        if (t->kernels->sun->whole(&t->sun, &t->gbuffer->packets[b->first + k], lo + (size_t)k * 3 * PACKET))
+            some &= ~(1u << k);
+    }
+    if (some)
+        add_parts(t, block, some, lo, rays);
+    for (uint32_t i = 0; block % SUN_AHEAD == t->index->frame % SUN_AHEAD && i < t->sun.ahead.count; i++) {
+        struct sun_view own;
+        look(t, block, &t->sun.ahead.at[i], &own, rays);
+    }
     return (uint32_t)__builtin_popcount(mixed);
 }

@@ -78,19 +78,23 @@ static uint64_t probe(const struct rays *rays, const struct sun_tile *t, const s
 
 /* ---- Light ---- */
 
-/* Whether a horizon cuts the tile. Lanes below which it is are not counted. */
-static bool is_cut(const struct sun_tile *t, const struct shade_packet *p)
+/* Writes a flux to the lanes that see a cone above their horizons, 0 to the others. False if a horizon may cut it. */
+static inline bool see_cone(const float axis[3], float sine, const float of[3], const struct shade_packet *p,
+                            struct lanes flux[3])
 {
     int32_t cut = 0;
 
     LANES(l)
     {
-        const float shading = p->ns_x[l] * t->axis[0] + p->ns_y[l] * t->axis[1] + p->ns_z[l] * t->axis[2];
-        const float geometric = p->ng_x[l] * t->axis[0] + p->ng_y[l] * t->axis[1] + p->ng_z[l] * t->axis[2];
+        const float shading = p->ns_x[l] * axis[0] + p->ns_y[l] * axis[1] + p->ns_z[l] * axis[2];
+        const float geometric = p->ng_x[l] * axis[0] + p->ng_y[l] * axis[1] + p->ng_z[l] * axis[2];
         const float least = shading < geometric ? shading : geometric;
-        cut |= (least <= t->sine) & (least >= -t->sine);
+        cut |= (least <= sine) & (least >= -sine);
+        flux[0].v[l] = least > 0.0f ? of[0] : 0.0f;
+        flux[1].v[l] = least > 0.0f ? of[1] : 0.0f;
+        flux[2].v[l] = least > 0.0f ? of[2] : 0.0f;
     }
-    return cut != 0;
+    return !cut;
 }
 
 /* The flux that each lane sees: the integral of luminance times direction. bits: NULL if all is visible. */
@@ -114,35 +118,18 @@ static void sum_flux(const struct sun_part *s, const struct sun_tile *t, const s
     }
 }
 
-static void see_flux(const struct sun_part *s, const struct sun_tile *t, const struct shade_packet *p,
-                     const uint16_t *bits, struct lanes flux[3])
-{
-    if (bits || is_cut(t, p)) {
-        sum_flux(s, t, p, bits, flux);
-        return;
-    }
-    LANES(l)
-    {
-        const int above = (p->ns_x[l] * t->axis[0] + p->ns_y[l] * t->axis[1] + p->ns_z[l] * t->axis[2] > 0.0f) &
-                          (p->ng_x[l] * t->axis[0] + p->ng_y[l] * t->axis[1] + p->ng_z[l] * t->axis[2] > 0.0f);
-        flux[0].v[l] = above ? s->flux[0] : 0.0f;
-        flux[1].v[l] = above ? s->flux[1] : 0.0f;
-        flux[2].v[l] = above ? s->flux[2] : 0.0f;
-    }
-}
-
-static void light_matte(const struct sun_part *s, const struct shade_packet *p, const struct lanes flux[3], float *lo)
+static void light_matte(const float colour[3], const struct shade_packet *p, const struct lanes flux[3], float *lo)
 {
     for (int c = 0; c < 3; c++)
         LANES(l)
         {
             const float cosine = p->ns_x[l] * flux[0].v[l] + p->ns_y[l] * flux[1].v[l] + p->ns_z[l] * flux[2].v[l];
-            lo[c * PACKET + l] += p->diffuse[c][l] * (float)(1.0 / PI) * s->colour[c] * (cosine > 0.0f ? cosine : 0.0f);
+            lo[c * PACKET + l] += p->diffuse[c][l] * (float)(1.0 / PI) * colour[c] * (cosine > 0.0f ? cosine : 0.0f);
         }
 }
 
-/* Lobes as wide as a cell see a tile as one direction, in the middle of what is visible. */
-static void light_broad(const struct sun_part *s, const struct shade_packet *p, const struct lanes flux[3], float *lo)
+/* Lobes as wide as a cell see a tile, or a small sun, as one direction, in the middle of what is visible. */
+static void light_broad(const float colour[3], const struct shade_packet *p, const struct lanes flux[3], float *lo)
 {
     struct lanes d[3], length, cosine, brdf[3], pdf;
     struct lobes lobes;
@@ -161,7 +148,7 @@ static void light_broad(const struct sun_part *s, const struct shade_packet *p, 
     lobes_set_up(p, &lobes);
     lobes_evaluate(&lobes, p, d, &cosine, brdf, &pdf);
     for (int c = 0; c < 3; c++)
-        LANES(l) lo[c * PACKET + l] += brdf[c].v[l] * length.v[l] * s->colour[c];
+        LANES(l) lo[c * PACKET + l] += brdf[c].v[l] * length.v[l] * colour[c];
 }
 
 /* Reduces the lobes' light along d to the balance heuristic's share of the sun, beside that of the gazes. glints: the
@@ -209,6 +196,24 @@ static void light_narrow(const struct sun_part *s, const struct sun_tile *t, con
     }
 }
 
+static void light_flux(const float colour[3], const struct shade_packet *p, const struct lanes flux[3], float *lo)
+{
+    if (p->kind == LOBE_LAMBERT)
+        light_matte(colour, p, flux, lo);
+    else
+        light_broad(colour, p, flux, lo);
+}
+
+static bool whole(const struct transport_sun *s, const struct shade_packet *p, float *lo)
+{
+    struct lanes flux[3];
+    const bool clear = see_cone(s->axis, s->sine, s->flux, p, flux);
+
+    if (clear)
+        light_flux(s->colour, p, flux, lo);
+    return clear;
+}
+
 static void light(const struct sun_part *s, const struct sun_tile *t, const struct shade_packet *p, bool narrow,
                   const uint16_t *bits, float *lo)
 {
@@ -218,12 +223,10 @@ static void light(const struct sun_part *s, const struct sun_tile *t, const stru
         light_narrow(s, t, p, bits, lo);
         return;
     }
-    see_flux(s, t, p, bits, flux);
-    if (p->kind == LOBE_LAMBERT)
-        light_matte(s, p, flux, lo);
-    else
-        light_broad(s, p, flux, lo);
+    if (bits || !see_cone(t->axis, t->sine, s->flux, p, flux))
+        sum_flux(s, t, p, bits, flux);
+    light_flux(s->colour, p, flux, lo);
 }
 
 extern const struct sun_kernels KERNEL(sun_kernels);
-const struct sun_kernels KERNEL(sun_kernels) = { trace, probe, light };
+const struct sun_kernels KERNEL(sun_kernels) = { trace, probe, whole, light };

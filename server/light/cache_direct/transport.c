@@ -113,7 +113,7 @@ static void add_gazes(const struct transport *t, const struct transport_look *lo
 /* Returns the number of packets in penumbrae. */
 static uint32_t add_sun(struct transport *t, uint32_t k, float *lo, uint64_t *rays)
 {
-    return t->sun.count ? transport_sun_add(t, k, lo, rays) : 0;
+    return t->sun.parts.count ? transport_sun_add(t, k, lo, rays) : 0;
 }
 
 static void clear_padding(const struct transport *t, const struct transport_block *b, float *lo)
@@ -287,7 +287,7 @@ static uint32_t shade_block(const struct shading *s, uint32_t k, float *lo, uint
 {
     struct transport *t = s->transport;
     const struct transport_block *b = &t->blocks[k];
-    const unsigned all = TRANSPORT_WORK_CELLS | (t->sun.count ? TRANSPORT_WORK_SUN : 0),
+    const unsigned all = TRANSPORT_WORK_CELLS | (t->sun.parts.count ? TRANSPORT_WORK_SUN : 0),
                    work = s->keeps ? transport_last_work(t, k) : all;
 
     memset(t->work + b->first, (int)(work & all), b->packets);
@@ -334,7 +334,7 @@ static enum err begin_frame(struct transport *t, const struct environment *e, co
         { .environment = e,
           .level = t->sky.level,
           .sun = &t->sun,
-          .per_energy = t->sun.count ? 0.25 * SUN_SAMPLES * e->n * e->n / t->sky.sun_energy : 0.0 },
+          .per_energy = t->sun.parts.count ? 0.25 * SUN_SAMPLES * e->n * e->n / t->sky.sun_energy : 0.0 },
         is_kept(t, frame) && transport_last_begin(t, frame->indirect),
     };
     memset(t->work, 0, t->gbuffer->packet_count);

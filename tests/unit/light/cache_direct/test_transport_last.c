@@ -171,11 +171,11 @@ static void a_change_of_any_part_of_the_sun_is_seen(void **state)
 
     shade_both(&f, NULL);
     shade_both(&f, NULL);
-    struct transport_sun *b = &f.transport->sun;
+    struct sun_parts *b = &f.transport->sun.parts;
     assert_true(b->count > 0);
     assert_int_equal(work_of_next_frame(f.transport), 0);
     for (uint32_t k = 0; k < 2; k++) {
-        struct sun_part *p = &b->parts[k ? b->count - 1 : 0];
+        struct sun_part *p = &b->at[k ? b->count - 1 : 0];
         float *const values[] = { &p->weight[0], &p->weight[SUN_TILE - 1], &p->density[3], &p->colour[2], &p->flux[1] };
         for (size_t v = 0; v < sizeof(values) / sizeof(values[0]); v++) {
             *values[v] += 1.0f;

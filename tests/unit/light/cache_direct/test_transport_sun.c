@@ -80,7 +80,7 @@ static void an_open_sun_has_the_light_of_its_samples(void **state)
         assert_non_null(t);
         assert_int_equal(sky_split_take(&t->sky, e), ERR_OK);
         assert_int_equal(transport_sun_take(t, e), ERR_OK);
-        assert_true(t->sky.sun_count > 0 && t->sun.count > 0);
+        assert_true(t->sky.sun_count > 0 && t->sun.parts.count > 0);
         struct sampled *s = sample_sky(&t->sky, e);
         for (uint32_t k = 0; k < g.packet_count; k++)
             compare_packet(t, s, k, counts);
@@ -209,18 +209,19 @@ static void penumbrae_are_where_they_belong(void **state)
     shadow_finish(&s);
 }
 
-/* The same sun again costs no ray and has the same bits, whichever suns came before, in any order, and after so many
- * that the first ones have been forgotten. */
+/* The same sun again costs few rays, for what it may meet next, and has the same bits, whichever suns came before, in
+ * any order, and after so many that the first ones have been forgotten. */
 static void what_is_seen_of_a_sun_does_not_depend_on_the_suns_before(void **state)
 {
     struct shadow s = shadow_make();
     const size_t bytes = (size_t)s.gbuffer->packet_count * 3 * PACKET * sizeof(float);
     (void)state;
 
-    assert_true(shadow_shade(&s, s.transport, 0.0, s.want).rays > 0);
+    const uint64_t first = shadow_shade(&s, s.transport, 0.0, s.want).rays;
+    assert_true(first > 0);
     assert_true(shadow_shade(&s, s.transport, 0.8, s.lo).rays > 0);
     assert_true(shadow_shade(&s, s.transport, -0.8, s.lo).rays > 0);
-    assert_int_equal(shadow_shade(&s, s.transport, 0.0, s.lo).rays, 0);
+    assert_true(shadow_shade(&s, s.transport, 0.0, s.lo).rays < first / 4);
     assert_memory_equal(s.lo, s.want, bytes);
     s.transport->index_bytes = 60000; /* of some ten suns */
     for (int turn = 0; turn < 16; turn++)
@@ -233,9 +234,28 @@ static void what_is_seen_of_a_sun_does_not_depend_on_the_suns_before(void **stat
     shadow_finish(&s);
 }
 
+/* The sun moves by a tenth of a texel per frame. Once it has done so for as many frames as it looks ahead, no frame
+ * asks for much more than the others: 1.5 times the mean; 4.5 times without looking ahead. */
+static void a_moving_sun_asks_for_a_little_in_each_frame(void **state)
+{
+    struct shadow s = shadow_make();
+    uint64_t most = 0, sum = 0;
+    (void)state;
+
+    for (int k = 0; k < 40; k++) {
+        const uint64_t rays = shadow_shade(&s, s.transport, 0.07 * k, s.lo).rays;
+        most = k >= 10 && rays > most ? rays : most;
+        sum += k >= 10 ? rays : 0;
+    }
+    printf("%.0f rays per frame, at most %.0f\n", (double)sum / 30.0, (double)most);
+    assert_true((double)most < 3.0 * (double)sum / 30.0);
+    shadow_finish(&s);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(an_open_sun_has_the_light_of_its_samples),
     cmocka_unit_test(penumbrae_are_where_they_belong),
+    cmocka_unit_test(a_moving_sun_asks_for_a_little_in_each_frame),
     cmocka_unit_test(what_is_seen_of_a_sun_does_not_depend_on_the_suns_before),
 };
 UNIT_MAIN(tests)
