@@ -121,7 +121,7 @@ struct sun_parts {
 
 struct transport_sun {
     struct sun_parts parts; /* none: no sun */
-    struct sun_parts ahead; /* directions that it may come to next: only keys, tiles and what is asked */
+    struct sun_parts ahead; /* directions that it may come to next: only keys, tiles and the directions asked for */
     /* A cone that contains the whole sun: unit. Too wide a cone: -2 and 2, which all directions meet. */
     float axis[3], cosine, sine;
     float colour[3], flux[3]; /* of the whole sun, as of a part */
