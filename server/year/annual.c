@@ -96,10 +96,6 @@ static void replay(void *self, const struct ledger_row *row, const float *lux)
     a->resumed++;
 }
 
-/* Rays to the sun that pass panes at random: with a transmittance of 0.8, a sensor's 16 x 64 give a standard error of
- * 1.6 %. */
-#define PANE_SAMPLES 512
-
 static enum err choose_light(struct annual *a, struct reason *why)
 {
     struct relight_desc *l = &a->light;
@@ -112,11 +108,6 @@ static enum err choose_light(struct annual *a, struct reason *why)
         l->direct.method = METHOD_CACHED;
     l->classes &= ~(uint32_t)(PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
     l->cache_background = false;
-    if (l->direct.method == METHOD_CACHED && l->direct.samples < PANE_SAMPLES &&
-        sunlight_has_thin_glass(a->set->scene)) {
-        l->eye_paths = l->eye_paths ? l->eye_paths : (l->direct.samples + 7) / 8;
-        l->direct.samples = PANE_SAMPLES;
-    }
     l->direct.why = why;
     struct box box;
     if (scene_casters(a->set->scene, &box, 1) > 0 && ranks_index(a->desc.ranks) == 0)

@@ -25,7 +25,8 @@ static void fill_directions(const double sun[3], struct ray16 *ray)
     }
 }
 
-bool sunlight_has_thin_glass(const struct scene *s)
+/* Whether rays pass surfaces at random: through thin glass and fractional coverage. */
+static bool has_thin_glass(const struct scene *s)
 {
     for (size_t k = 0; k < s->material_count; k++)
         if (s->materials[k].thin || s->materials[k].alpha_mode == ALPHA_BLEND)
@@ -97,7 +98,7 @@ static double seen(const struct rays *rays, const struct ray16 *directions, cons
 void sunlight_lux(const struct scene *scene, const struct rays *rays, const struct sensor *sensors, size_t count,
                   const double sun[3], double normal_lux, float *lux)
 {
-    const bool thin_glass = sunlight_has_thin_glass(scene);
+    const bool thin_glass = has_thin_glass(scene);
     struct ray16 directions;
 
     fill_directions(sun, &directions);

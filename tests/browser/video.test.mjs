@@ -35,7 +35,7 @@ const untilCoding = (page, name) => page.waitForFunction((n) => window.relight?.
 
 // A page gives H.264 up if nothing comes for seconds, which may happen to a starved one: it is loaded again.
 async function untilExpected(page) {
-  for (let i = 0; i < 5; i++) {
+  for (;;) { // as often as it takes
     await page.waitForFunction((n) => window.relight?.lastHeader?.format === n || (n === 'h264' && window.relight?.noVideo), expected());
     const why = await page.evaluate(() => window.relight.noVideo);
     if (!/nothing for 3 s|sent no H\.264/.test(why)) break;
