@@ -97,7 +97,6 @@ struct transport_world {     /* input of tracing; borrowed */
 
 /* Directions to the sun: a square part of a grid on a face of the sky. */
 struct sun_tile {
-    uint32_t key;                                /* grid, face, row and column */
     float axis[3], sine;                         /* a cone that contains it: unit; of its radius */
     float x[SUN_TILE], y[SUN_TILE], z[SUN_TILE]; /* unit: centres of the grid's squares, row by row */
     _Alignas(64) float ray[SUN_TILE][3][PACKET]; /* where each lane looks, within the square */
@@ -106,7 +105,7 @@ struct sun_tile {
 
 /* Light of a frame's sun in a tile. */
 struct sun_part {
-    uint32_t key, tile;      /* of sun_tile; its place in the index */
+    uint32_t key, tile;      /* of its tile; its place in the index */
     uint32_t asked;          /* bits of the directions with light */
     float colour[3];         /* of luminance 1 */
     float flux[3];           /* integral of luminance times direction */

@@ -12,7 +12,9 @@
 #include "light/cache_direct/internal.h"
 
 #include "base/mem.h"
+#include "base/rng.h"
 #include "sky/tables/cube.h"
+#include "sky/tables/invert.h"
 
 #include <math.h>
 #include <stdatomic.h>
@@ -35,6 +37,7 @@ struct sun_view {
 static struct sun_view all_lit = { .lit = (1 << TRANSPORT_PACKETS) - 1 }, all_dark;
 
 struct sun_entry {
+    uint32_t key; /* grid, face, row and column of its tile */
     struct sun_tile *tile;
     struct sun_view **views; /* [block_count]; NULL: not looked at yet */
     uint64_t used;           /* number of the last frame that asked for it */
@@ -49,49 +52,33 @@ struct sun_index {
 
 /* ---- Tiles ---- */
 
-static void unit_direction(uint32_t face, double u, double v, float w[3])
+static void fill_tile(struct sun_tile *t, uint32_t key, uint32_t grid, uint32_t face, uint32_t row, uint32_t column)
 {
-    double d[3];
-
-    cube_direction(face, u, v, d);
-    const double length = sqrt(dot3(d, d));
-    for (int i = 0; i < 3; i++)
-        w[i] = (float)(d[i] / length);
-}
-
-static uint32_t reversed(uint32_t l)
-{
-    return (l & 1) << 3 | (l & 2) << 1 | (l & 4) >> 1 | (l & 8) >> 3;
-}
-
-static void fill_tile(struct sun_tile *t, uint32_t grid, uint32_t face, uint32_t row, uint32_t column)
-{
-    const double step = 2.0 / grid, edge = step * SUN_EDGE, u = column * edge - 1.0, v = row * edge - 1.0;
+    const uint32_t i0 = row * SUN_EDGE, j0 = column * SUN_EDGE;
     float least = 1.0f, w[3];
 
-    unit_direction(face, u + 0.5 * edge, v + 0.5 * edge, t->axis);
-    for (uint32_t k = 0; k < 4; k++) {
-        unit_direction(face, u + (k & 1) * edge, v + (k >> 1) * edge, w);
-        least = fminf(least, t->axis[0] * w[0] + t->axis[1] * w[1] + t->axis[2] * w[2]);
-    }
-    t->sine = sqrtf(fmaxf(0.0f, 1.0f - least * least)) + 1e-5f;
+    invert_direction(grid, face, i0 + 0.5 * SUN_EDGE, j0 + 0.5 * SUN_EDGE, t->axis);
     for (uint32_t k = 0; k < SUN_TILE; k++) {
-        const double x = u + k % SUN_EDGE * step, y = v + k / SUN_EDGE * step;
-        unit_direction(face, x + 0.5 * step, y + 0.5 * step, w);
+        const uint32_t i = i0 + k / SUN_EDGE, j = j0 + k % SUN_EDGE,
+                       cell = sky_cell(face, i * SKY_EDGE / grid, j * SKY_EDGE / grid);
+        t->cells[cell / 64] |= (uint64_t)1 << cell % 64;
+        invert_direction(grid, face, i + 0.5, j + 0.5, w);
         t->x[k] = w[0];
         t->y[k] = w[1];
         t->z[k] = w[2];
         for (uint32_t l = 0; l < PACKET; l++) {
-            unit_direction(face, x + (l + 0.5) / PACKET * step, y + (reversed(l) + 0.5) / PACKET * step, w);
+            double x[2];
+            rng_sobol2(rng_mix(key, k), l, x);
+            invert_direction(grid, face, i + x[1], j + x[0], w);
             for (int c = 0; c < 3; c++)
                 t->ray[k][c][l] = w[c];
         }
+        for (uint32_t corner = 0; corner < 4; corner++) {
+            invert_direction(grid, face, i + INVERT_LAST * (corner >> 1), j + INVERT_LAST * (corner & 1), w);
+            least = fminf(least, t->axis[0] * w[0] + t->axis[1] * w[1] + t->axis[2] * w[2]);
+        }
     }
-    for (uint32_t k = 0; k < SUN_TILE; k++) {
-        const uint32_t i = (row * SUN_EDGE + k / SUN_EDGE) * SKY_EDGE / grid,
-                       j = (column * SUN_EDGE + k % SUN_EDGE) * SKY_EDGE / grid, cell = sky_cell(face, i, j);
-        t->cells[cell / 64] |= (uint64_t)1 << cell % 64;
-    }
+    t->sine = sqrtf(fmaxf(0.0f, 1.0f - least * least)) + 1e-5f;
 }
 
 static bool is_stored(const struct sun_view *v)
@@ -147,7 +134,7 @@ static int64_t find_entry(struct transport *t, uint32_t key, uint32_t grid, uint
     struct sun_index *x = t->index;
 
     for (uint32_t k = 0; k < x->count; k++)
-        if (x->entries[k].tile->key == key) {
+        if (x->entries[k].key == key) {
             x->entries[k].used = x->frame;
             return k;
         }
@@ -160,15 +147,14 @@ static int64_t find_entry(struct transport *t, uint32_t key, uint32_t grid, uint
         x->capacity = more;
     }
     struct sun_entry *e = &x->entries[x->count];
-    *e = (struct sun_entry){ mem_alloc(1, sizeof(*e->tile)), mem_alloc(t->block_count, sizeof(struct sun_view *)),
+    *e = (struct sun_entry){ key, mem_alloc(1, sizeof(*e->tile)), mem_alloc(t->block_count, sizeof(struct sun_view *)),
                              x->frame };
     if (!e->tile || !e->views) {
         mem_free(e->tile);
         mem_free(e->views);
         return -1;
     }
-    e->tile->key = key;
-    fill_tile(e->tile, grid, face, row, column);
+    fill_tile(e->tile, key, grid, face, row, column);
     atomic_fetch_add(&x->bytes, entry_bytes(t));
     return x->count++;
 }
@@ -221,9 +207,7 @@ static enum err spread_texel(struct transport *t, const struct environment *e, u
             struct sun_part *p = find_part(t, &t->sun.parts, grid, face, y, z);
             if (!p)
                 return ERR_NOMEM;
-            const double u0 = fmax(2.0 * z / grid, 2.0 * j / n), u1 = fmin(2.0 * (z + 1) / grid, 2.0 * (j + 1) / n),
-                         v0 = fmax(2.0 * y / grid, 2.0 * i / n), v1 = fmin(2.0 * (y + 1) / grid, 2.0 * (i + 1) / n);
-            const float solid = (float)cube_solid_angle(u0 - 1.0, v0 - 1.0, u1 - 1.0, v1 - 1.0);
+            const float solid = (float)cube_shared_solid_angle(n, i, j, grid, y, z);
             const uint32_t k = square_bit(y, z);
             p->asked |= 1u << k;
             p->weight[k] += solid * rgb_luminance(rgb[0], rgb[1], rgb[2]);
@@ -302,7 +286,7 @@ static enum err look_ahead(struct transport *t, uint32_t grid, const float befor
     if (square < 1e-8f || square > 2.0f * (1.0f - SUN_AHEAD_LEAST) || !(t->sun.sine < 1.0f))
         return ERR_OK;
     for (uint32_t k = 0; k < now->count; k++) {
-        const struct sun_tile *q = t->index->entries[now->at[k].tile].tile;
+        const struct sun_tile *q = t->index->entries[now->at[k].tile].tile; /* stays where it is as entries are added */
         for (uint32_t left = now->at[k].asked; left; left &= left - 1) {
             const int d = __builtin_ctz(left);
             const float w[3] = { q->x[d] + way[0], q->y[d] + way[1], q->z[d] + way[2] };
@@ -312,7 +296,6 @@ static enum err look_ahead(struct transport *t, uint32_t grid, const float befor
             if (!p)
                 return ERR_NOMEM;
             p->asked |= 1u << square_bit(y, x);
-            q = t->index->entries[now->at[k].tile].tile;
         }
     }
     return ERR_OK;
@@ -414,7 +397,7 @@ static void trace_missing(const struct transport *t, const struct transport_bloc
                           uint32_t asked, struct sun_view *v, uint64_t *rays)
 {
     const uint32_t missing = asked & ~(uint32_t)v->known;
-    struct transport_view view;
+    struct transport_view view = { 0, 0 };
 
     for (uint32_t k = 0; k < b->packets && missing; k++)
         if (v->mixed >> k & 1 && v->lanes[k])

@@ -31,6 +31,14 @@ double cube_solid_angle(double u0, double v0, double u1, double v1)
 
 /* First the corner integral at each texel's far corner, which is symmetric in u and v; then from the last texel on,
  * which needs those before it, the differences, as in cube_solid_angle. */
+double cube_shared_solid_angle(uint32_t n, uint32_t i, uint32_t j, uint32_t m, uint32_t y, uint32_t x)
+{
+    const double wide = 2.0 / n, other = 2.0 / m;
+
+    return cube_solid_angle(-1.0 + fmax(j * wide, x * other), -1.0 + fmax(i * wide, y * other),
+                            -1.0 + fmin((j + 1) * wide, (x + 1) * other), -1.0 + fmin((i + 1) * wide, (y + 1) * other));
+}
+
 void cube_solid_angles(uint32_t n, double *out)
 {
     const double step = 2.0 / n;

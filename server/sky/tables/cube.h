@@ -47,6 +47,9 @@ uint32_t cube_step_over(uint32_t face, int edge, int *i, int *j);
  */
 double cube_solid_angle(double u0, double v0, double u1, double v1);
 
+/* Of what two squares of a face share: (row i, column j) of n x n and (row y, column x) of m x m. They must overlap. */
+double cube_shared_solid_angle(uint32_t n, uint32_t i, uint32_t j, uint32_t m, uint32_t y, uint32_t x);
+
 /* Those of all texels of a face, out[n][n]. */
 void cube_solid_angles(uint32_t n, double *out);
 

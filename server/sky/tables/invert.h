@@ -1,4 +1,4 @@
-/* Inversion of CDFs for the samplers of this room. Thread: any. */
+/* Inversion of CDFs for samplers, and directions from positions on faces. Thread: any. */
 #pragma once
 
 #include "sky/tables/cube.h"

@@ -34,13 +34,10 @@ double sky_cell_solid_angle(uint32_t place)
 static double overlap(const struct environment *e, uint32_t y, uint32_t x, uint32_t i, uint32_t j)
 {
     const uint32_t n = e->n, edge = SKY_EDGE;
-    const double in_texel = 2.0 / n, in_cell = 2.0 / edge;
 
     if (y * edge >= i * n && (y + 1) * edge <= (i + 1) * n && x * edge >= j * n && (x + 1) * edge <= (j + 1) * n)
         return e->solid_angle[y * n + x];
-    return cube_solid_angle(-1.0 + fmax(x * in_texel, j * in_cell), -1.0 + fmax(y * in_texel, i * in_cell),
-                            -1.0 + fmin((x + 1) * in_texel, (j + 1) * in_cell),
-                            -1.0 + fmin((y + 1) * in_texel, (i + 1) * in_cell));
+    return cube_shared_solid_angle(n, y, x, edge, i, j);
 }
 
 /* Adds texels of a row that are entirely within the cell and not above the level. */
@@ -218,6 +215,5 @@ float sky_split_density(const struct sky_split *s, const struct environment *e, 
 
     if (!(above > 0.0) || s->sun_count == 0)
         return 0.0f;
-    return (float)(above * e->solid_angle[at % (n * n)] / s->sun_energy * 0.25 * n * n *
-                   (double)cube_jacobian(u, v));
+    return (float)(above * e->solid_angle[at % (n * n)] / s->sun_energy * 0.25 * n * n * (double)cube_jacobian(u, v));
 }

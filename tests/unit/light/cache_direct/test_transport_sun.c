@@ -167,9 +167,9 @@ static struct transport_frame_stats shadow_shade(const struct shadow *s, struct 
     return stats;
 }
 
-/* Eight suns, a fifth of a degree apart, against 1024 samples of each. Over the points in penumbrae the error is 0.053
- * of the full sun, and 0.0006 in the mean. Bits that are taken for their neighbours' make it 0.060, and 0.009 in the
- * mean; rays that go to the next square 0.083. */
+/* Eight suns, a fifth of a degree apart, against 1024 samples of each. Over the points in penumbrae the error is 0.032
+ * of the full sun, and less than 0.0001 in the mean. Bits that are taken for their neighbours' make it 0.046, and 0.008
+ * in the mean; rays that go to the next square 0.071. */
 static void penumbrae_are_where_they_belong(void **state)
 {
     const struct direct_desc all = { .method = METHOD_MIS, .sun = true, .samples = 1024, .seed = 4 };
@@ -204,7 +204,7 @@ static void penumbrae_are_where_they_belong(void **state)
     }
     printf("%u points in penumbrae: error %.4f, mean %.4f\n", count, sqrt(square / count), sum / count);
     assert_true(count > 300);
-    assert_true(sqrt(square / count) < 0.07 && fabs(sum / count) < 0.004);
+    assert_true(sqrt(square / count) < 0.04 && fabs(sum / count) < 0.003);
     direct_destroy(d);
     shadow_finish(&s);
 }
