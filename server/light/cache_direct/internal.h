@@ -99,8 +99,10 @@ struct transport_world {     /* input of tracing; borrowed */
 struct sun_tile {
     float axis[3], sine;                         /* a cone that contains it: unit; of its radius */
     float x[SUN_TILE], y[SUN_TILE], z[SUN_TILE]; /* unit: centres of the grid's squares, row by row */
-    _Alignas(64) float ray[SUN_TILE][3][PACKET]; /* where each lane looks, within the square */
-    uint64_t cells[SKY_CELLS / 64];              /* bits of the cells that contain part of it */
+    /* Where each lane looks, within the square; then the tile's four corners, each lane of four in another order, with
+     * opposite ones after each other. */
+    _Alignas(64) float ray[SUN_TILE + 4][3][PACKET];
+    uint64_t cells[SKY_CELLS / 64]; /* bits of the cells that contain part of it */
 };
 
 /* Light of a frame's sun in a tile. */
@@ -155,21 +157,21 @@ struct transport_view {
 };
 
 struct sun_kernels {
-    /* Looks from some lanes of a packet along some of a tile's directions: their bits of bits[direction] become 1 if
-     * they see the sky, above their horizons; *view adds them up. Returns the number of rays. rays: NULL if everything
-     * is visible. */
+    /* Looks from some lanes of a packet along some of a tile's rays: their bits of bits[ray] become 1 if they see the
+     * sky, above their horizons; *view adds them up. Returns the number of rays. rays: NULL if everything is visible.
+     */
     uint64_t (*trace)(const struct rays *rays, const struct sun_tile *t, const struct shade_packet *p,
-                      uint32_t directions, uint32_t lanes, uint16_t bits[SUN_TILE], struct transport_view *view);
+                      uint32_t directions, uint32_t lanes, uint16_t *bits, struct transport_view *view);
     /* One ray to the tile from each of 16 points, spread over a block's packets. Returns the number of rays. */
     uint64_t (*probe)(const struct rays *rays, const struct sun_tile *t, const struct shade_packet *packets,
                       uint32_t count, struct transport_view *view);
-    /* Adds the light of all of the sun to lo[3][16], as from one direction. False, and nothing is added, if a horizon
-     * may cut it. */
-    bool (*whole)(const struct transport_sun *s, const struct shade_packet *p, float *lo);
-    /* Adds the light of a part of the sun to lo[3][16]. bits: as traced; NULL: everything above the horizons is
-     * visible. narrow: the packet has gazes too, and the lobes count with their balance heuristic share. */
+    /* Adds the light of all of the sun to lo[3][16], as from one direction, for the lanes that see it. False, and
+     * nothing is added, if a horizon may cut it. */
+    bool (*whole)(const struct transport_sun *s, const struct shade_packet *p, uint32_t lanes, float *lo);
+    /* Adds the light of a part of the sun to lo[3][16]. bits: as traced; NULL: `lanes` see all of it above their
+     * horizons. narrow: the packet has gazes too, and the lobes count with their balance heuristic share. */
     void (*light)(const struct sun_part *s, const struct sun_tile *t, const struct shade_packet *p, bool narrow,
-                  const uint16_t *bits, float *lo);
+                  uint32_t lanes, const uint16_t *bits, float *lo);
 };
 
 /* Indirect light of a block's rows, before multiplication by colours. Negative entries, which compression may cause,

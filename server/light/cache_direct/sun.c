@@ -17,24 +17,25 @@
 #include "sky/tables/invert.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <stdatomic.h>
 #include <string.h>
 
 #define SUN_GRID 512            /* 0.1 to 0.2 degrees apart; twice as many: see docs/internals/transport-cache.md */
 #define SUN_GRID_LEAST SKY_EDGE /* of a sun that is as large as the sky */
 #define SUN_MOST 1024           /* directions of a frame's sun, from which on the grid is coarser */
-#define SUN_CORNERS 0x9009u     /* the directions by which a packet is judged */
+#define SUN_CORNERS (3u << SUN_TILE) /* rays of a tile to two opposite corners; the other two are the next bits */
 
-/* What a block sees of a tile. */
+/* What a block sees of a tile: of each packet, the lanes that see all of it, and those that see a part. The latter
+ * have a bit for each direction, of packets one after another. */
 struct sun_view {
-    uint8_t lit, mixed;                /* bits of the packets that see all of it, and a part */
-    uint16_t known;                    /* bits of the directions that mixed packets have traced */
-    uint16_t lanes[TRANSPORT_PACKETS]; /* of a mixed packet that see a part, and trace every direction */
-    uint16_t bits[TRANSPORT_PACKETS][SUN_TILE];
+    uint16_t whole[TRANSPORT_PACKETS], parts[TRANSPORT_PACKETS];
+    uint16_t known;                             /* bits of the directions that have been traced */
+    uint16_t bits[TRANSPORT_PACKETS][SUN_TILE]; /* stored only as far as used */
 };
 
 /* The most frequent views. */
-static struct sun_view all_lit = { .lit = (1 << TRANSPORT_PACKETS) - 1 }, all_dark;
+static struct sun_view all_lit = { .whole = { UINT16_MAX, UINT16_MAX, UINT16_MAX, UINT16_MAX } }, all_dark;
 
 struct sun_entry {
     uint32_t key; /* grid, face, row and column of its tile */
@@ -48,13 +49,17 @@ struct sun_index {
     uint32_t count, capacity;
     uint64_t frame;
     _Atomic uint64_t bytes;
+    double place[SUN_TILE][PACKET][2]; /* of each lane's look in a direction's square */
 };
 
 /* ---- Tiles ---- */
 
-static void fill_tile(struct sun_tile *t, uint32_t key, uint32_t grid, uint32_t face, uint32_t row, uint32_t column)
+static void fill_tile(const struct sun_index *x, struct sun_tile *t, uint32_t grid, uint32_t face, uint32_t row,
+                      uint32_t column)
 {
     const uint32_t i0 = row * SUN_EDGE, j0 = column * SUN_EDGE;
+    static const uint8_t corners[2][2] = { { 0, SUN_EDGE - 1 }, { SUN_TILE - SUN_EDGE, SUN_TILE - 1 } },
+                         turns[4] = { 0, SUN_TILE - 1, SUN_EDGE - 1, SUN_TILE - SUN_EDGE };
     float least = 1.0f, w[3];
 
     invert_direction(grid, face, i0 + 0.5 * SUN_EDGE, j0 + 0.5 * SUN_EDGE, t->axis);
@@ -67,9 +72,7 @@ static void fill_tile(struct sun_tile *t, uint32_t key, uint32_t grid, uint32_t 
         t->y[k] = w[1];
         t->z[k] = w[2];
         for (uint32_t l = 0; l < PACKET; l++) {
-            double x[2];
-            rng_sobol2(rng_mix(key, k), l, x);
-            invert_direction(grid, face, i + x[1], j + x[0], w);
+            invert_direction(grid, face, i + x->place[k][l][1], j + x->place[k][l][0], w);
             for (int c = 0; c < 3; c++)
                 t->ray[k][c][l] = w[c];
         }
@@ -79,6 +82,10 @@ static void fill_tile(struct sun_tile *t, uint32_t key, uint32_t grid, uint32_t 
         }
     }
     t->sine = sqrtf(fmaxf(0.0f, 1.0f - least * least)) + 1e-5f;
+    for (uint32_t l = 0; l < PACKET; l++)
+        for (uint32_t k = 0; k < 4; k++)
+            for (int c = 0; c < 3; c++)
+                t->ray[SUN_TILE + k][c][l] = t->ray[corners[l / 4 % 2][l % 2] ^ turns[k]][c][l];
 }
 
 static bool is_stored(const struct sun_view *v)
@@ -86,10 +93,18 @@ static bool is_stored(const struct sun_view *v)
     return v && v != &all_lit && v != &all_dark;
 }
 
+static size_t view_bytes(uint32_t rows)
+{
+    return offsetof(struct sun_view, bits) + rows * sizeof(all_lit.bits[0]);
+}
+
 static void drop_view(struct sun_index *x, struct sun_view **v)
 {
     if (is_stored(*v)) {
-        atomic_fetch_sub(&x->bytes, sizeof(**v));
+        uint32_t rows = 0;
+        for (uint32_t k = 0; k < TRANSPORT_PACKETS; k++)
+            rows += (*v)->parts[k] != 0;
+        atomic_fetch_sub(&x->bytes, view_bytes(rows));
         mem_free(*v);
     }
     *v = NULL;
@@ -154,7 +169,7 @@ static int64_t find_entry(struct transport *t, uint32_t key, uint32_t grid, uint
         mem_free(e->views);
         return -1;
     }
-    fill_tile(e->tile, key, grid, face, row, column);
+    fill_tile(x, e->tile, grid, face, row, column);
     atomic_fetch_add(&x->bytes, entry_bytes(t));
     return x->count++;
 }
@@ -301,6 +316,16 @@ static enum err look_ahead(struct transport *t, uint32_t grid, const float befor
     return ERR_OK;
 }
 
+static struct sun_index *new_index(void)
+{
+    struct sun_index *x = mem_alloc(1, sizeof(*x));
+
+    for (uint32_t k = 0; x && k < SUN_TILE; k++)
+        for (uint32_t l = 0; l < PACKET; l++)
+            rng_sobol2(k, l, x->place[k][l]);
+    return x;
+}
+
 enum err transport_sun_take(struct transport *t, const struct environment *e)
 {
     struct transport_sun *s = &t->sun;
@@ -309,7 +334,7 @@ enum err transport_sun_take(struct transport *t, const struct environment *e)
     uint32_t grid = SUN_GRID;
 
     s->parts.count = 0;
-    if (!t->index && !(t->index = mem_alloc(1, sizeof(*t->index))))
+    if (!t->index && !(t->index = new_index()))
         return ERR_NOMEM;
     t->index->frame++;
     if (t->index->bytes > t->index_bytes)
@@ -373,24 +398,29 @@ static struct sun_view *judge_block(const struct transport *t, const struct tran
 
 #define DAPPLED 4 /* lanes of a packet that see a part, from which on the others' corners may agree by chance */
 
-/* A packet sees all or nothing if all of its points say so at the tile's corners; likewise a point of a packet through
- * which an edge goes. Under leaves that would make dappled shade too dark. */
-static void judge_packets(const struct transport *t, const struct transport_block *b, const struct sun_tile *q,
-                          struct sun_view *v, uint64_t *rays)
+/* A point sees all or nothing of a tile if two opposite corners say so; in a packet where some differ, if all four do.
+ * Under leaves that would make dappled shade too dark. Returns the number of rows of bits. */
+static uint32_t judge_packets(const struct transport *t, const struct transport_block *b, const struct sun_tile *q,
+                              struct sun_view *v, uint64_t *rays)
 {
-    v->known = SUN_CORNERS;
+    uint32_t rows = 0;
+
+    memset(v, 0, sizeof(*v));
     for (uint32_t k = 0; k < b->packets; k++) {
         const struct shade_packet *p = &t->gbuffer->packets[b->first + k];
         struct transport_view view = { 0, 0 };
-        *rays += t->kernels->sun->trace(t->rays, q, p, SUN_CORNERS, UINT16_MAX, v->bits[k], &view);
-        const uint32_t parts = view.lit & view.dark;
-        v->lit |= (uint8_t)((view.lit && !view.dark) << k);
-        v->mixed |= (uint8_t)((view.lit && view.dark) << k);
-        v->lanes[k] = (uint16_t)(__builtin_popcount(parts) < DAPPLED ? parts : UINT16_MAX);
-        for (uint32_t d = 0; d < SUN_TILE; d++)
-            if (!(SUN_CORNERS >> d & 1))
-                v->bits[k][d] = (uint16_t)(view.lit & ~parts);
+        uint16_t bits[SUN_TILE + 4] = { 0 };
+        *rays += t->kernels->sun->trace(t->rays, q, p, SUN_CORNERS, UINT16_MAX, bits, &view);
+        if (view.lit & view.dark)
+            *rays += t->kernels->sun->trace(t->rays, q, p, SUN_CORNERS << 2, UINT16_MAX, bits, &view);
+        const uint32_t both = view.lit & view.dark, parts = __builtin_popcount(both) < DAPPLED ? both : UINT16_MAX;
+        v->parts[k] = (uint16_t)parts;
+        v->whole[k] = (uint16_t)(view.lit && !view.dark ? UINT16_MAX : view.lit & ~parts);
+        for (uint32_t d = 0; parts && d < SUN_TILE; d++)
+            v->bits[rows][d] = v->whole[k];
+        rows += parts != 0;
     }
+    return rows;
 }
 
 static void trace_missing(const struct transport *t, const struct transport_block *b, const struct sun_tile *q,
@@ -398,12 +428,31 @@ static void trace_missing(const struct transport *t, const struct transport_bloc
 {
     const uint32_t missing = asked & ~(uint32_t)v->known;
     struct transport_view view = { 0, 0 };
+    uint32_t row = 0;
 
     for (uint32_t k = 0; k < b->packets && missing; k++)
-        if (v->mixed >> k & 1 && v->lanes[k])
-            *rays += t->kernels->sun->trace(t->rays, q, &t->gbuffer->packets[b->first + k], missing, v->lanes[k],
-                                            v->bits[k], &view);
+        if (v->parts[k])
+            *rays += t->kernels->sun->trace(t->rays, q, &t->gbuffer->packets[b->first + k], missing, v->parts[k],
+                                            v->bits[row++], &view);
     v->known = (uint16_t)(v->known | missing);
+}
+
+/* A view to keep, with so many rows of bits. NULL without memory. */
+static struct sun_view *keep_view(struct sun_index *x, const struct transport_block *b, const struct sun_view *v,
+                                  uint32_t rows)
+{
+    const size_t used = b->packets * sizeof(*v->whole), bytes = view_bytes(rows);
+
+    if (!memcmp(v->whole, all_lit.whole, used))
+        return &all_lit;
+    if (!rows && !memcmp(v->whole, all_dark.whole, used))
+        return &all_dark;
+    struct sun_view *out = mem_alloc_raw(1, bytes);
+    if (out) {
+        memcpy(out, v, bytes);
+        atomic_fetch_add(&x->bytes, bytes);
+    }
+    return out;
 }
 
 /* The block's view of a part's tile. Without memory to keep it, *own. */
@@ -417,17 +466,11 @@ static const struct sun_view *look(const struct transport *t, uint32_t block, co
     if (!*at)
         *at = judge_block(t, b, q, rays);
     if (!*at) {
-        memset(own, 0, sizeof(*own));
-        judge_packets(t, b, q, own, rays);
-        if (!own->mixed && (!own->lit || own->lit == (1u << b->packets) - 1))
-            *at = own->lit ? &all_lit : &all_dark;
-        else if ((*at = mem_alloc_raw(1, sizeof(**at)))) {
-            **at = *own;
-            atomic_fetch_add(&t->index->bytes, sizeof(**at));
-        }
+        const uint32_t rows = judge_packets(t, b, q, own, rays);
+        *at = keep_view(t->index, b, own, rows);
     }
     struct sun_view *v = *at ? *at : own;
-    if (v->mixed)
+    if (is_stored(v))
         trace_missing(t, b, q, p->asked, v, rays);
     return v;
 }
@@ -442,10 +485,12 @@ static void add_parts(const struct transport *t, uint32_t block, uint32_t packet
         const struct sun_part *p = &t->sun.parts.at[i];
         struct sun_view own;
         const struct sun_view *v = look(t, block, p, &own, rays);
-        for (uint32_t left = (v->lit | v->mixed) & packets; left; left &= left - 1) {
-            const uint32_t k = (uint32_t)__builtin_ctz(left);
-            t->kernels->sun->light(p, t->index->entries[p->tile].tile, &t->gbuffer->packets[b->first + k], b->narrow,
-                                   v->mixed >> k & 1 ? v->bits[k] : NULL, sum + (size_t)k * 3 * PACKET);
+        const uint16_t(*row)[SUN_TILE] = v->bits;
+        for (uint32_t k = 0; k < b->packets; k++) {
+            const uint16_t *bits = v->parts[k] ? *row++ : NULL;
+            if (packets >> k & 1u && (v->whole[k] || bits))
+                t->kernels->sun->light(p, t->index->entries[p->tile].tile, &t->gbuffer->packets[b->first + k],
+                                       b->narrow, v->whole[k], bits, sum + (size_t)k * 3 * PACKET);
         }
     }
     for (uint32_t left = packets; left; left &= left - 1) {
@@ -458,19 +503,22 @@ static void add_parts(const struct transport *t, uint32_t block, uint32_t packet
 uint32_t transport_sun_add(struct transport *t, uint32_t block, float *lo, uint64_t *rays)
 {
     const struct transport_block *b = &t->blocks[block];
-    uint32_t all = b->narrow ? 0 : (1u << b->packets) - 1, some = 0, mixed = 0;
+    uint16_t lanes[TRANSPORT_PACKETS];
+    uint32_t some = 0, differ = 0, parts = 0; /* packets: lit; by other tiles otherwise; with lanes that see a part */
 
     for (uint32_t i = 0; i < t->sun.parts.count; i++) {
         struct sun_view own;
         const struct sun_view *v = look(t, block, &t->sun.parts.at[i], &own, rays);
-        all &= v->lit;
-        some |= v->lit | v->mixed;
-        mixed |= v->mixed;
+        for (uint32_t k = 0; k < b->packets; k++) {
+            lanes[k] = i ? lanes[k] : v->whole[k];
+            some |= (uint32_t)((v->whole[k] | v->parts[k]) != 0) << k;
+            differ |= (uint32_t)(v->whole[k] != lanes[k]) << k;
+            parts |= (uint32_t)(v->parts[k] != 0) << k;
+        }
     }
-    some &= (1u << b->packets) - 1;
-    for (uint32_t left = all; left; left &= left - 1) {
+    for (uint32_t left = b->narrow ? 0 : some & ~differ & ~parts; left; left &= left - 1) {
         const uint32_t k = (uint32_t)__builtin_ctz(left);
-        if (t->kernels->sun->whole(&t->sun, &t->gbuffer->packets[b->first + k], lo + (size_t)k * 3 * PACKET))
+        if (t->kernels->sun->whole(&t->sun, &t->gbuffer->packets[b->first + k], lanes[k], lo + (size_t)k * 3 * PACKET))
             some &= ~(1u << k);
     }
     if (some)
@@ -479,5 +527,5 @@ uint32_t transport_sun_add(struct transport *t, uint32_t block, float *lo, uint6
         struct sun_view own;
         look(t, block, &t->sun.ahead.at[i], &own, rays);
     }
-    return (uint32_t)__builtin_popcount(mixed);
+    return (uint32_t)__builtin_popcount(parts);
 }

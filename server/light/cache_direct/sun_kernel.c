@@ -8,7 +8,7 @@
 #include <string.h>
 
 static uint64_t trace(const struct rays *rays, const struct sun_tile *t, const struct shade_packet *p,
-                      uint32_t directions, uint32_t lanes, uint16_t bits[SUN_TILE], struct transport_view *view)
+                      uint32_t directions, uint32_t lanes, uint16_t *bits, struct transport_view *view)
 {
     _Alignas(64) int32_t valid[PACKET];
     struct ray16 ray;
@@ -78,9 +78,10 @@ static uint64_t probe(const struct rays *rays, const struct sun_tile *t, const s
 
 /* ---- Light ---- */
 
-/* Writes a flux to the lanes that see a cone above their horizons, 0 to the others. False if a horizon may cut it. */
+/* Writes a flux to the lanes that see a cone, which is above their horizons, 0 to the others. False if a horizon may
+ * cut it. */
 static inline bool see_cone(const float axis[3], float sine, const float of[3], const struct shade_packet *p,
-                            struct lanes flux[3])
+                            uint32_t lanes, struct lanes flux[3])
 {
     int32_t cut = 0;
 
@@ -89,23 +90,24 @@ static inline bool see_cone(const float axis[3], float sine, const float of[3], 
         const float shading = p->ns_x[l] * axis[0] + p->ns_y[l] * axis[1] + p->ns_z[l] * axis[2];
         const float geometric = p->ng_x[l] * axis[0] + p->ng_y[l] * axis[1] + p->ng_z[l] * axis[2];
         const float least = shading < geometric ? shading : geometric;
+        const int32_t above = (least > 0.0f) & (int32_t)(lanes >> l & 1u);
         cut |= (least <= sine) & (least >= -sine);
-        flux[0].v[l] = least > 0.0f ? of[0] : 0.0f;
-        flux[1].v[l] = least > 0.0f ? of[1] : 0.0f;
-        flux[2].v[l] = least > 0.0f ? of[2] : 0.0f;
+        flux[0].v[l] = above ? of[0] : 0.0f;
+        flux[1].v[l] = above ? of[1] : 0.0f;
+        flux[2].v[l] = above ? of[2] : 0.0f;
     }
     return !cut;
 }
 
-/* The flux that each lane sees: the integral of luminance times direction. bits: NULL if all is visible. */
-static void sum_flux(const struct sun_part *s, const struct sun_tile *t, const struct shade_packet *p,
+/* The flux that each lane sees: the integral of luminance times direction. */
+static void sum_flux(const struct sun_part *s, const struct sun_tile *t, const struct shade_packet *p, uint32_t lanes,
                      const uint16_t *bits, struct lanes flux[3])
 {
     memset(flux, 0, 3 * sizeof(*flux));
     for (uint32_t left = s->asked; left; left &= left - 1) {
         const int k = __builtin_ctz(left);
         const float x = t->x[k], y = t->y[k], z = t->z[k], w = s->weight[k];
-        const uint32_t on = bits ? bits[k] : 0xffffu;
+        const uint32_t on = bits ? bits[k] : lanes;
         LANES(l)
         {
             const int above = (p->ns_x[l] * x + p->ns_y[l] * y + p->ns_z[l] * z > 0.0f) &
@@ -168,7 +170,7 @@ static void balance(const struct shade_packet *glints, const struct lobes *lobes
 }
 
 static void light_narrow(const struct sun_part *s, const struct sun_tile *t, const struct shade_packet *p,
-                         const uint16_t *bits, float *lo)
+                         uint32_t lanes, const uint16_t *bits, float *lo)
 {
     struct shade_packet glints = *p;
     struct lobes lobes, alone;
@@ -179,7 +181,7 @@ static void light_narrow(const struct sun_part *s, const struct sun_tile *t, con
     LANES(l) alone.diffuse_part.v[l] = 0.0f;
     for (uint32_t left = s->asked; left; left &= left - 1) {
         const int k = __builtin_ctz(left);
-        const uint32_t on = bits ? bits[k] : 0xffffu;
+        const uint32_t on = bits ? bits[k] : lanes;
         struct lanes d[3], cosine, brdf[3], pdf;
         LANES(l)
         {
@@ -204,10 +206,10 @@ static void light_flux(const float colour[3], const struct shade_packet *p, cons
         light_broad(colour, p, flux, lo);
 }
 
-static bool whole(const struct transport_sun *s, const struct shade_packet *p, float *lo)
+static bool whole(const struct transport_sun *s, const struct shade_packet *p, uint32_t lanes, float *lo)
 {
     struct lanes flux[3];
-    const bool clear = see_cone(s->axis, s->sine, s->flux, p, flux);
+    const bool clear = see_cone(s->axis, s->sine, s->flux, p, lanes, flux);
 
     if (clear)
         light_flux(s->colour, p, flux, lo);
@@ -215,16 +217,16 @@ static bool whole(const struct transport_sun *s, const struct shade_packet *p, f
 }
 
 static void light(const struct sun_part *s, const struct sun_tile *t, const struct shade_packet *p, bool narrow,
-                  const uint16_t *bits, float *lo)
+                  uint32_t lanes, const uint16_t *bits, float *lo)
 {
     struct lanes flux[3];
 
     if (narrow) {
-        light_narrow(s, t, p, bits, lo);
+        light_narrow(s, t, p, lanes, bits, lo);
         return;
     }
-    if (bits || !see_cone(t->axis, t->sine, s->flux, p, flux))
-        sum_flux(s, t, p, bits, flux);
+    if (bits || !see_cone(t->axis, t->sine, s->flux, p, lanes, flux))
+        sum_flux(s, t, p, lanes, bits, flux);
     light_flux(s->colour, p, flux, lo);
 }
 
