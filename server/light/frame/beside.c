@@ -14,8 +14,7 @@
  * minutes. */
 #define BRIGHTEST 4.0
 
-#define MOST_PATHS 2 /* of a point, where eye paths find caustics, */
-#define LEFT_PATHS 4 /* and where the cache leaves indirect light to them */
+#define MOST_PATHS 2 /* of a point, where eye paths find caustics or indirect light that the cache leaves to them */
 
 /* What an image under a moving sky takes one of, and all others take together. */
 enum slice { SLICE_STORED, SLICE_STORED_OTHER, SLICE_SAMPLES, SLICE_SAMPLES_OTHER, SLICE_FILTER, SLICES };
@@ -142,7 +141,7 @@ static struct eye_paths_desc take_eye_paths(const struct environment *e, struct 
     own.classes &= PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC;
     own.behind_classes &= ~(uint32_t)PATH_INDIRECT_LIT;
     own.most = 3.0 * BRIGHTEST * e->total_energy / PI;
-    own.paths = own.classes ? MOST_PATHS : own.behind_classes ? s->eye.paths : 0;
+    own.paths = own.classes || own.behind_classes ? MOST_PATHS : 0;
     s->eye.classes &= PATH_INDIRECT_LIT;
     s->eye.behind_classes &= PATH_INDIRECT_LIT;
     s->classes &= PATH_INDIRECT_LIT;
@@ -158,7 +157,7 @@ static void take_left(struct beside *b, struct frame_plan *plan)
     for (uint32_t k = plan->count; k-- > 0;)
         if (plan->pass[k].kind == PASS_EYE && plan->pass[k].eye.only) {
             b->unserved = plan->pass[k].eye;
-            b->unserved.paths = b->unserved.paths < LEFT_PATHS ? b->unserved.paths : LEFT_PATHS;
+            b->unserved.paths = b->unserved.paths < MOST_PATHS ? b->unserved.paths : MOST_PATHS;
             frame_plan_remove(plan, &plan->pass[k]);
         }
 }

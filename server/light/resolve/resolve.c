@@ -18,16 +18,16 @@
 #define AHEAD_PIXELS 8 /* and pixels */
 
 struct mixed {
-    uint32_t pixel : 31;  /* at most 2^28 */
+    uint32_t pixel : 31; /* at most 2^28 */
     uint32_t misses : 1; /* it has some */
-    uint32_t first;       /* its entries, up to those of the next one */
+    uint32_t first;      /* its entries, up to those of the next one */
 };
 
 struct resolver {
     const struct gbuffer *g;
     struct lookup_key key;       /* of the places */
     struct lookup_place *places; /* of all escapes; NULL: not found yet, or no memory */
-    bool wide;                   /* some have none */
+    bool wide;                   /* some need the pyramid */
     uint32_t *plain;             /* [pixels]; NULL likewise, and so are the next */
     struct mixed *mixed;         /* [mixed_count + 1] */
     struct gbuffer_entry *entries;
@@ -141,7 +141,7 @@ static void find_places(struct resolver *r, const struct environment *e)
 #pragma omp parallel for schedule(dynamic, 256) reduction(|| : wide)
     for (uint32_t k = 0; k < count; k++) {
         r->places[k] = lookup_place_find(e, r->g->misses[k].direction, r->g->misses[k].width);
-        wide = wide || r->places[k].texel == LOOKUP_NONE;
+        wide = wide || r->places[k].texel & LOOKUP_NONE;
     }
     r->wide = wide;
 }

@@ -11,7 +11,7 @@
 void resolve_pixels(const struct gbuffer *g, const float *lo, const struct environment *e, float *rgb);
 
 /* Gives the same bits as resolve_pixels, faster from the second frame on. While layout, size and rotation of the sky
- * stay the same, it caches where escapes look up the sky (lookup_place.h, 12 bytes per escape), which pixels are a
+ * stay the same, it caches where escapes look up the sky (lookup_place.h, 16 bytes per escape), which pixels are a
  * single shade point or escape (4 bytes per pixel), and the entries of the others (8 bytes per pixel and 16 per entry).
  * It belongs to one G-buffer, which must outlive it and not change, and to one thread at a time. When out of memory it
  * caches nothing, which is not an error. */

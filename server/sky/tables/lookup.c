@@ -1,6 +1,7 @@
 /* Filtered lookups: from the source image for narrow pixels, from the pyramid for wide ones. */
 #include "sky/tables/environment.h"
 
+#include "sky/tables/cube.h"
 #include "sky/tables/layout.h"
 #include "sky/tables/lookup_place.h"
 #include "sky/tables/pyramid.h"
@@ -172,16 +173,15 @@ static struct rung coarser(const struct environment *e, struct rung from)
 
 static void look_at_rung(const struct environment *e, int what, struct vec3 w, float rgb[3])
 {
-    const struct pyramid *p = e->pyramid;
     const struct texels own = what == RUNG_SOURCE ? source_of(e) : blocks_of(e);
+    float u, v;
 
-    if (what < 0)
+    if (what < 0) {
         interpolate(e, &own, w, rgb);
-    else if (what < (int)p->count)
-        pyramid_lookup(p, (uint32_t)what, (const float[3]){ w.x, w.y, w.z }, rgb);
-    else
-        for (int c = 0; c < 3; c++)
-            rgb[c] = p->mean[c];
+        return;
+    }
+    const uint32_t face = cube_locate((const float[3]){ w.x, w.y, w.z }, &u, &v);
+    pyramid_lookup_at(e->pyramid, (uint32_t)what, face, u, v, rgb);
 }
 
 /* Widens an image of texel size `texel` to size `wide`: the mean of T x T lookups at distance d adds (T^2 - 1) d^2 / 12
@@ -206,35 +206,52 @@ static void look_by_taps(const struct environment *e, struct rung fine, float wi
     }
 }
 
+/* The two levels of a lookup, the finer one widened to `wide`, and the share of the coarser one. */
+struct mixture {
+    struct rung fine, coarse;
+    float wide, share;
+};
+
+/* want: above the finest level's texel. */
+static struct mixture mixture_of(const struct environment *e, float want)
+{
+    struct mixture m = { .fine = finest(e) };
+
+    for (m.coarse = coarser(e, m.fine); m.coarse.texel <= want && m.coarse.what < (int)e->pyramid->count;) {
+        m.fine = m.coarse;
+        m.coarse = coarser(e, m.fine);
+    }
+    m.wide = m.fine.what < 0 ? fmaxf(m.fine.texel, fminf(want, m.coarse.texel / GAP)) : m.fine.texel;
+    const float f2 = m.wide * m.wide, span = m.coarse.texel * m.coarse.texel - f2;
+    m.share = span > 0.0f ? fminf(1.0f, (want * want - f2) / span) : 1.0f;
+    return m;
+}
+
+static void mix(float share, const float far[3], float rgb[3])
+{
+    for (int c = 0; c < 3; c++)
+        rgb[c] += share * (far[c] - rgb[c]);
+}
+
 void environment_lookup_wide(const struct environment *e, struct vec3 w, float width, float rgb[3])
 {
     const float want = width * TEXEL_PER_WIDTH;
-    struct rung fine = finest(e), coarse;
     float far[3];
 
-    if (!(want > fine.texel)) {
+    if (!(want > finest(e).texel)) {
         environment_lookup(e, w, rgb);
         return;
     }
     assert(environment_has_pyramid(e));
-    for (coarse = coarser(e, fine); coarse.texel <= want && coarse.what < (int)e->pyramid->count;) {
-        fine = coarse;
-        coarse = coarser(e, fine);
-    }
-    const float wide = fminf(want, coarse.texel / GAP);
-    if (fine.what < 0 && wide > fine.texel) {
-        look_by_taps(e, fine, wide, w, rgb);
-        fine.texel = wide;
-    } else {
-        look_at_rung(e, fine.what, w, rgb);
-    }
-    const float f2 = fine.texel * fine.texel, span = coarse.texel * coarse.texel - f2;
-    const float share = span > 0.0f ? fminf(1.0f, (want * want - f2) / span) : 1.0f;
-    if (share <= 0.0f)
+    const struct mixture m = mixture_of(e, want);
+    if (m.wide > m.fine.texel)
+        look_by_taps(e, m.fine, m.wide, w, rgb);
+    else
+        look_at_rung(e, m.fine.what, w, rgb);
+    if (m.share <= 0.0f)
         return;
-    look_at_rung(e, coarse.what, w, far);
-    for (int c = 0; c < 3; c++)
-        rgb[c] += share * (far[c] - rgb[c]);
+    look_at_rung(e, m.coarse.what, w, far);
+    mix(m.share, far, rgb);
 }
 
 /* ---- Precomputed lookups ---- */
@@ -242,12 +259,37 @@ void environment_lookup_wide(const struct environment *e, struct vec3 w, float w
 struct lookup_key lookup_key_of(const struct environment *e)
 {
     const struct resample_key *k = &e->resampler->table->key;
-    return (struct lookup_key){ k->layout, k->width, k->height, e->rotation };
+    return (struct lookup_key){ k->layout, k->width, k->height, e->n, e->rotation };
 }
 
 bool lookup_key_equal(const struct lookup_key *a, const struct lookup_key *b)
 {
-    return a->layout == b->layout && a->width == b->width && a->height == b->height && a->rotation == b->rotation;
+    return a->layout == b->layout && a->width == b->width && a->height == b->height && a->n == b->n &&
+           a->rotation == b->rotation;
+}
+
+/* A place in the pyramid, unless the finer level is the source or its blocks. */
+static struct lookup_place wide_place(const struct environment *e, struct vec3 w, float want)
+{
+    const struct mixture m = mixture_of(e, want);
+    struct lookup_place p = { .texel = LOOKUP_NONE, .share = fmaxf(0.0f, m.share) };
+
+    if (m.fine.what >= 0)
+        p.texel = LOOKUP_WIDE | (uint32_t)m.fine.what |
+                  cube_locate((const float[3]){ w.x, w.y, w.z }, &p.x, &p.y) << LOOKUP_FACE;
+    return p;
+}
+
+void lookup_at_wide(const struct pyramid *from, const struct lookup_place *p, float rgb[3])
+{
+    const uint32_t face = p->texel >> LOOKUP_FACE & 0xffu, level = p->texel & 0xffu;
+    float far[3];
+
+    pyramid_lookup_at(from, level, face, p->x, p->y, rgb);
+    if (p->share <= 0.0f)
+        return;
+    pyramid_lookup_at(from, level + 1, face, p->x, p->y, far);
+    mix(p->share, far, rgb);
 }
 
 struct lookup_place lookup_place_find(const struct environment *e, struct vec3 w, float width)
@@ -256,7 +298,9 @@ struct lookup_place lookup_place_find(const struct environment *e, struct vec3 w
     const struct texels p = source_of(e);
     struct four f;
 
-    if (width * TEXEL_PER_WIDTH > finest(e).texel || !find_four(e, &p, w, &f))
+    if (width * TEXEL_PER_WIDTH > finest(e).texel)
+        return wide_place(e, w, width * TEXEL_PER_WIDTH);
+    if (!find_four(e, &p, w, &f))
         return none;
     for (int k = 0; k < 4; k++)
         if (!is_shown(e->resampler->table, &p, f.column[k & 1], f.row[k >> 1]))
@@ -267,11 +311,11 @@ struct lookup_place lookup_place_find(const struct environment *e, struct vec3 w
                                        : 2u)
                              << LOOKUP_RIGHT |
                          (down == 1 ? 0u : 1u) << LOOKUP_DOWN;
-    return (struct lookup_place){ (uint32_t)(f.row[0] * p.columns + f.column[0]) | way, f.x, f.y };
+    return (struct lookup_place){ (uint32_t)(f.row[0] * p.columns + f.column[0]) | way, f.x, f.y, 0.0f };
 }
 
 struct lookup_image lookup_image_of(const struct environment *e)
 {
     const int32_t columns = (int32_t)e->image.width;
-    return (struct lookup_image){ e->image.rgb, e->gain, { 1, 0, 1 - columns, 0 }, { columns, 0 } };
+    return (struct lookup_image){ e->pyramid, e->image.rgb, e->gain, { 1, 0, 1 - columns, 0 }, { columns, 0 } };
 }

@@ -383,14 +383,34 @@ void pyramid_end(struct pyramid *p)
     }
 }
 
-void pyramid_lookup(const struct pyramid *p, uint32_t level, const float w[3], float rgb[3])
+/* Away from the face's borders: the same taps in the same order as find_taps. */
+static void lookup_inside(const struct pyramid_level *l, uint32_t face, const struct between *x,
+                          const struct between *y, float rgb[3])
 {
-    const struct pyramid_level *l = &p->level[level];
-    float u, v, sum[3] = { 0.0f, 0.0f, 0.0f }, whole = 0.0f;
+    const size_t first = (size_t)y->first * l->n + (size_t)x->first,
+                 at[4] = { first, first + 1, first + l->n, first + l->n + 1 };
+    const float *texels = l->texels + 4 * (size_t)face * l->n * l->n;
+    FOUR_FLOATS sum = { 0.0f };
+    float weight[4], whole = 0.0f;
+
+    bilinear_weights(x, y, weight);
+    for (int k = 0; k < 4; k++) {
+        const float w = l->gain ? weight[k] * l->gain[at[k]] : weight[k];
+        FOUR_FLOATS texel;
+        memcpy(&texel, texels + 4 * at[k], sizeof(texel));
+        whole += w;
+        sum += w * texel;
+    }
+    for (int c = 0; c < 3; c++)
+        rgb[c] = sum[c] / whole;
+}
+
+static void lookup_across(const struct pyramid_level *l, uint32_t face, const struct between *x,
+                          const struct between *y, float rgb[3])
+{
+    float sum[3] = { 0.0f, 0.0f, 0.0f }, whole = 0.0f;
     struct tap taps[12];
-    const uint32_t face = cube_locate(w, &u, &v);
-    const struct between x = find_between(l->n, u), y = find_between(l->n, v);
-    const int count = find_taps(l->n, face, &x, &y, taps);
+    const int count = find_taps(l->n, face, x, y, taps);
 
     for (int k = 0; k < count; k++) {
         const struct tap *t = &taps[k];
@@ -403,4 +423,27 @@ void pyramid_lookup(const struct pyramid *p, uint32_t level, const float w[3], f
     }
     for (int c = 0; c < 3; c++)
         rgb[c] = sum[c] / whole;
+}
+
+void pyramid_lookup_at(const struct pyramid *p, uint32_t level, uint32_t face, float u, float v, float rgb[3])
+{
+    if (level == p->count) {
+        memcpy(rgb, p->mean, sizeof(p->mean));
+        return;
+    }
+    const struct pyramid_level *l = &p->level[level];
+    const struct between x = find_between(l->n, u), y = find_between(l->n, v);
+    const float last = (float)l->n - 1.0f;
+    if (x.first >= 0.0f && y.first >= 0.0f && x.first < last && y.first < last)
+        lookup_inside(l, face, &x, &y, rgb);
+    else
+        lookup_across(l, face, &x, &y, rgb);
+}
+
+void pyramid_lookup(const struct pyramid *p, uint32_t level, const float w[3], float rgb[3])
+{
+    float u, v;
+    const uint32_t face = cube_locate(w, &u, &v);
+
+    pyramid_lookup_at(p, level, face, u, v, rgb);
 }

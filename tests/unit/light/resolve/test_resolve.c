@@ -53,31 +53,38 @@ static void a_place_shows_the_bits_that_looking_does(void **state)
         for (int turn = 0; turn < 3; turn++) {
             struct environment *e = make_sky(&shapes[s], 40.0 * turn, 1);
             const struct lookup_image image = lookup_image_of(e);
-            uint32_t found = 0;
-            for (uint32_t k = 0; k < 4000; k++) {
-                const struct vec3 w = direction(k);
+            uint32_t found = 0, wide = 0;
+            environment_complete_pyramid(e);
+            for (uint32_t k = 0; k < 8000; k++) {
+                const struct vec3 w = direction(k % 4000);
+                const float width = k < 4000 ? 1e-3f : 0.1f + 4e-4f * (float)(k % 4000 * 1543 % 8000);
                 float want[3], got[3];
-                const struct lookup_place p = lookup_place_find(e, w, 1e-3f);
+                const struct lookup_place p = lookup_place_find(e, w, width);
                 if (p.texel == LOOKUP_NONE)
                     continue;
-                environment_lookup_wide(e, w, 1e-3f, want);
+                environment_lookup_wide(e, w, width, want);
                 lookup_at(&image, &p, got);
                 assert_memory_equal(got, want, sizeof(want));
-                found++;
+                found += k < 4000;
+                wide += k >= 4000;
             }
             /* all but the rims; a fisheye sees half of the sphere */
             assert_true(found >= (layout_is_disc(shapes[s].layout) ? 1600 : 4000));
+            assert_true(wide >= 3000);
             environment_destroy(e);
         }
 }
 
-static void a_wide_eye_has_no_place(void **state)
+static void between_source_and_pyramid_there_is_no_place(void **state)
 {
     struct environment *e = make_sky(&shapes[0], 0.0, 1);
+    const float texel = (float)PI * sqrtf(2.0f / (float)(shapes[0].width * shapes[0].height)),
+                width = sqrtf(3.0f) * texel;
 
     (void)state;
-    assert_int_equal(lookup_place_find(e, direction(100), 1.0f).texel, LOOKUP_NONE);
-    assert_int_not_equal(lookup_place_find(e, direction(100), 0.01f).texel, LOOKUP_NONE);
+    assert_false(lookup_place_find(e, direction(100), 0.99f * width).texel & LOOKUP_NONE);
+    assert_int_equal(lookup_place_find(e, direction(100), 1.01f * width).texel, LOOKUP_NONE);
+    assert_int_equal(lookup_place_find(e, direction(100), 1.0f).texel & LOOKUP_WIDE, LOOKUP_WIDE);
     environment_destroy(e);
 }
 
@@ -146,7 +153,7 @@ static void the_mask_has_the_pixels_with_points(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_place_shows_the_bits_that_looking_does),
-    cmocka_unit_test(a_wide_eye_has_no_place),
+    cmocka_unit_test(between_source_and_pyramid_there_is_no_place),
     cmocka_unit_test(a_resolver_keeps_the_bits_whatever_sky_comes),
     cmocka_unit_test(the_mask_has_the_pixels_with_points),
 };
