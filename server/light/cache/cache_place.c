@@ -3,7 +3,6 @@
 #include "light/cache/cache_folder.h"
 
 #include <ctype.h>
-#include <dirent.h>
 #include <errno.h>
 #include <inttypes.h>
 #include <stdio.h>
@@ -53,29 +52,6 @@ enum err cache_place_find(const struct cache_view *view, const char *file, const
         return ERR_OK;
     out->path[0] = '\0';
     return err_say(why, ERR_IO, "%.200s...: the path of the cache's file is too long", file[0] ? file : out->folder);
-}
-
-bool cache_place_may_have(const struct cache_view *view, const char *file, const char *folder)
-{
-    char path[CACHE_PATH], scene[PART], begin[PART + 2], size[32];
-    const struct dirent *d;
-    struct reason why;
-    bool has = false;
-
-    if (!file || file[0])
-        return file && access(file, R_OK) == 0;
-    if (cache_folder_find(folder, path, sizeof(path), &why))
-        return false;
-    DIR *all = opendir(path);
-    scene_name(view, scene);
-    snprintf(begin, sizeof(begin), "%s.", scene);
-    snprintf(size, sizeof(size), "-%ux%u-", view->width, view->height);
-    while (all && !has && (d = readdir(all)) != NULL)
-        has = strncmp(d->d_name, begin, strlen(begin)) == 0 && strstr(d->d_name, size) &&
-              strstr(d->d_name, CACHE_FOLDER_SUFFIX);
-    if (all)
-        closedir(all);
-    return has;
 }
 
 enum err cache_place_prepare(const struct cache_place *p, uint64_t bytes, struct reason *why)

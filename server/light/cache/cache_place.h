@@ -27,9 +27,6 @@ struct cache_view {
 MUST_CHECK enum err cache_place_find(const struct cache_view *view, const char *file, const char *folder,
                                      const struct digest *key, struct cache_place *out, struct reason *why);
 
-/* Whether such a view, or another camera's of the same scene, may have a file there, of whatever key. */
-bool cache_place_may_have(const struct cache_view *view, const char *file, const char *folder);
-
 /* Call it before storing a file of `bytes`: creates the folder and frees room in it. ERR_IO: the folder does not exist
  * or cannot be written; ERR_RANGE: the file is too large for the cache folder. */
 MUST_CHECK enum err cache_place_prepare(const struct cache_place *p, uint64_t bytes, struct reason *why);

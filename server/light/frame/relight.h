@@ -164,9 +164,6 @@ const struct prepared_scene *relighter_set(const struct relighter *r); /* as cre
  * Otherwise relighter_run does it. Errors are those of relighter_run. */
 MUST_CHECK enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc, bool progress, double *ms);
 
-/* Whether a cache of such a set, or of another camera's, may be kept on disk. Any thread. */
-bool relight_may_be_kept(const struct prepared_scene_desc *set, const struct relight_desc *desc);
-
 /* Progress of a cache's computation, roughly in proportion to time. From RELIGHT_COARSE on the cache can make images.
  * Without indirect light, all direct light is available coarsely then; with it, rough indirect light is available and
  * direct light follows block by block, until all of it is available coarsely at RELIGHT_DIRECT. */

@@ -9,13 +9,6 @@
 
 #include <string.h>
 
-bool relight_may_be_kept(const struct prepared_scene_desc *set, const struct relight_desc *desc)
-{
-    const struct cache_view view = { set->scene ? set->scene : "", NULL, set->width, set->height };
-
-    return cache_place_may_have(&view, desc->cache_file, desc->cache_dir);
-}
-
 void relight_keep_init(struct relight_keep *k, const struct prepared_scene *set, const struct kernels *kernels,
                        const struct relight_desc *desc, const struct transport_desc *transport)
 {

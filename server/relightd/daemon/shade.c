@@ -324,16 +324,15 @@ static enum err read_parts(struct shade_thread *t, struct reason *why)
     return ERR_OK;
 }
 
-/* Whether the first image may show a coarse view. Not where images must be reproducible or wait for something else, nor
- * where the folder may have a cache, which is of the complete view. */
+/* Whether the first image may show a coarse view, also if a cache waits for the complete one, which may take far longer
+ * to compute than the first image. Not where images must be reproducible or wait for something else. */
 static bool may_be_coarse(const struct shared *shared)
 {
     const struct daemon_config *c = &shared->config;
     const struct setup *s = &c->setup;
 
     return s->initial.method == METHOD_AUTO && !s->initial.counted && s->light.cache_background && !c->push &&
-           !shared->ranks && c->part_floats != PART_HALF && s->light.caustics != PLAN_STORED &&
-           !relight_may_be_kept(&s->set_desc, &s->light);
+           !shared->ranks && c->part_floats != PART_HALF && s->light.caustics != PLAN_STORED;
 }
 
 enum err shade_thread_create(struct shared *shared, struct shade_thread **out, struct reason *why)

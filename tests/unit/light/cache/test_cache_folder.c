@@ -130,37 +130,10 @@ static void a_folder_is_made_or_refused(void **state)
     assert_non_null(strstr(why.text, path));
 }
 
-static bool may_have(const char *scene, uint32_t width, const char *file, const char *of)
-{
-    return cache_place_may_have(&(struct cache_view){ scene, NULL, width, 36 }, file, of);
-}
-
-static void a_file_of_a_view_is_known_by_its_name(void **state)
-{
-    char path[64];
-    (void)state;
-
-    assert_false(may_have("a/ring.json", 64, "", folder));
-    put("ring.json.main-64x36-0123.transport", 0);
-    assert_true(may_have("a/ring.json", 64, "", folder));
-    assert_false(may_have("a/ring.json", 640, "", folder));
-    assert_false(may_have("rings", 64, "", folder));
-    assert_false(may_have("", 64, "", folder));
-    put("builtin.court-64x36-0123.transport", 0);
-    assert_true(may_have("", 64, "", folder));
-    assert_false(may_have("", 64, NULL, folder)); /* none is kept */
-    snprintf(path, sizeof(path), "%s/own", folder);
-    assert_false(may_have("", 64, path, NULL));
-    put("own", 0);
-    assert_true(may_have("", 64, path, NULL));
-    assert_false(may_have("", 64, "", "/nowhere"));
-}
-
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test_setup_teardown(the_least_recently_used_goes_first, set_up, tear_down),
     cmocka_unit_test_setup_teardown(what_was_left_behind_goes, set_up, tear_down),
     cmocka_unit_test(variables_say_where_it_is),
     cmocka_unit_test_setup_teardown(a_folder_is_made_or_refused, set_up, tear_down),
-    cmocka_unit_test_setup_teardown(a_file_of_a_view_is_known_by_its_name, set_up, tear_down),
 };
 UNIT_MAIN(tests)
