@@ -21,7 +21,7 @@
 #include <stdatomic.h>
 #include <string.h>
 
-#define SUN_GRID 512            /* 0.1 to 0.2 degrees apart; twice as many: see docs/internals/transport-cache.md */
+#define SUN_GRID 512            /* 0.1 to 0.2 degrees apart; half as many have three times the error in penumbrae */
 #define SUN_GRID_LEAST SKY_EDGE /* of a sun that is as large as the sky */
 #define SUN_MOST 1024           /* directions of a frame's sun, from which on the grid is coarser */
 #define SUN_CORNERS (3u << SUN_TILE) /* rays of a tile to two opposite corners; the other two are the next bits */
