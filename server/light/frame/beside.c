@@ -16,8 +16,12 @@
 
 #define MOST_PATHS 2 /* of a point, where eye paths find caustics or indirect light that the cache leaves to them */
 
-/* What an image under a moving sky takes one of, and all others take together. */
-enum slice { SLICE_STORED, SLICE_STORED_OTHER, SLICE_SAMPLES, SLICE_SAMPLES_OTHER, SLICE_FILTER, SLICES };
+/* What an image under a moving sky takes one of, and all others take together: half of the stored paths, the other
+ * half, parts of one half of the samples, then of the other, and the filter. */
+enum { SLICE_STORED, SLICE_STORED_OTHER, SLICE_SAMPLES };
+
+#define PART_PATHS 125000 /* eye paths of a part, about */
+#define PARTS_MOST 8      /* of half of the samples */
 
 /* A sky that has changed by more since the last image is not worth gliding to: of its energy, and radians of its sun, 3
  * degrees, for which a day's sun takes 12 minutes. */
@@ -37,7 +41,10 @@ struct beside {
     float *image, *fresh, *rest; /* [images][height][width][3]; fresh: splats of this round without a shade point, */
     uint32_t rounds;             /* rest: the mean of so many rounds, since the sky or the estimator changed */
     uint64_t key;                /* of the last image */
-    enum slice slice;            /* the next */
+    uint32_t *index;             /* [packet_count]: 0, 1, 2, ... */
+    uint64_t behind;             /* points seen in mirrors and through glass */
+    uint32_t parts;              /* of half of the samples, in this round */
+    uint32_t slice;              /* the next */
     bool shows;                  /* the accumulation has light of this key */
     double energy;               /* of the last image's sky */
     float sun[3];                /* and where its sun was */
@@ -75,13 +82,19 @@ struct beside *beside_create(const struct prepared_scene *set, struct denoiser *
     b->image = mem_alloc(b->images * b->values, sizeof(float));
     b->fresh = mem_alloc(b->images * b->values, sizeof(float));
     b->rest = mem_alloc(b->images * b->values, sizeof(float));
-    const void *const all[] = { b->accumulation, b->weight, b->stored[0], b->stored[1], b->half[0],
-                                b->half[1],      b->shown,  b->image,     b->fresh,     b->rest };
+    b->index = mem_alloc(g->packet_count + 1, sizeof(*b->index));
+    const void *const all[] = { b->accumulation, b->weight, b->stored[0], b->stored[1], b->half[0], b->half[1],
+                                b->shown,        b->image,  b->fresh,     b->rest,      b->index };
     for (size_t k = 0; k < sizeof(all) / sizeof(all[0]); k++)
         if (!all[k]) {
             beside_destroy(b);
             return NULL;
         }
+    for (uint32_t k = 0; k < g->packet_count; k++) {
+        b->index[k] = k;
+        for (uint32_t l = 0; l < g->packets[k].count; l++)
+            b->behind += g->packets[k].behind[l] != 0;
+    }
     for (uint32_t k = 0; k < g->entry_first[b->values / 3]; k++) {
         const uint32_t point = g->entries[k].point;
         if (!g->packets[point / PACKET].behind[point % PACKET])
@@ -104,12 +117,29 @@ void beside_destroy(struct beside *b)
     mem_free(b->image);
     mem_free(b->fresh);
     mem_free(b->rest);
+    mem_free(b->index);
     mem_free(b);
 }
 
 bool beside_wanted(const struct prepared_scene *set, const struct relight_desc *desc)
 {
     return desc->remember && set->facts.casters > 0 && desc->classes & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
+}
+
+static uint32_t slices(const struct beside *b)
+{
+    return SLICE_SAMPLES + 2 * b->parts + 1;
+}
+
+/* The parts that half of an image's eye paths take. */
+static uint32_t count_parts(const struct beside *b, const struct eye_paths_desc *eye)
+{
+    const uint64_t found = (eye->paths + 1) / 2 * b->behind,
+                   left =
+                       b->unserved.paths ? (uint64_t)(b->unserved.paths + 1) / 2 * b->unserved.only->count * PACKET : 0;
+    const uint64_t parts = 1 + (found + left) / PART_PATHS;
+
+    return parts < PARTS_MOST ? (uint32_t)parts : PARTS_MOST;
 }
 
 /* A round of slices; whole: all of them in this image. What is shown moves towards a round during the next one. */
@@ -119,7 +149,7 @@ static void begin(struct beside *b, bool whole)
     const bool still = b->still && b->shows;
 
     accumulation_begin(b->accumulation, b->wanted,
-                       !whole    ? SLICES
+                       !whole    ? slices(b)
                        : !still  ? 0
                        : b->slow ? ACCUMULATION_GLIDE
                                  : ACCUMULATION_STEADY);
@@ -265,14 +295,20 @@ static enum err run_particles(struct beside *b, struct passes *s, const struct e
     return result;
 }
 
+/* Of half k, at the packets of one part. */
 static enum err run_eye_paths(struct beside *b, const struct environment *e, const struct eye_paths_desc *desc,
-                              uint64_t k, struct relight_stats *stats)
+                              uint64_t k, uint64_t part, struct relight_stats *stats)
 {
+    const struct packet_list all =
+        desc->only ? *desc->only : (struct packet_list){ b->index, b->set->gbuffer->packet_count };
+    const uint64_t first = all.count * part / b->parts, end = all.count * (part + 1) / b->parts;
+    const struct packet_list some = { all.index + first, (uint32_t)(end - first) };
     struct eye_paths_desc own = *desc;
     struct eye_paths_stats found = { 0 };
 
-    if (desc->paths == 0)
+    if (desc->paths == 0 || some.count == 0)
         return ERR_OK;
+    own.only = &some;
     own.paths = (desc->paths + 1) / 2;
     own.pass = 2 * accumulation_turn(b->accumulation) + k;
     own.seed = rng_mix(desc->seed, k);
@@ -282,17 +318,20 @@ static enum err run_eye_paths(struct beside *b, const struct environment *e, con
     return result;
 }
 
-/* New samples, to half k. */
+/* A part of new samples, to half k; all particles belong to the first one. */
 static enum err run_half(struct beside *b, struct passes *s, const struct relight_caustics *c,
-                         const struct environment *e, const struct eye_paths_desc *eye, uint64_t k,
+                         const struct environment *e, const struct eye_paths_desc *eye, uint64_t k, uint64_t part,
                          struct relight_stats *stats)
 {
     struct light_tracer_desc sun = { .particles = 0 };
 
-    memset(b->half[k], 0, b->points * sizeof(float));
-    enum err result = run_eye_paths(b, e, eye, k, stats);
+    if (part == 0)
+        memset(b->half[k], 0, b->points * sizeof(float));
+    enum err result = run_eye_paths(b, e, eye, k, part, stats);
     if (!result)
-        result = run_eye_paths(b, e, &b->unserved, k, stats);
+        result = run_eye_paths(b, e, &b->unserved, k, part, stats);
+    if (part > 0)
+        return result;
     if (b->stored_by)
         sun = relight_caustics_sun(c, e, b->stored_by, stats->plan.particles);
     for (int i = 0; i < 3 && !result; i++)
@@ -321,15 +360,18 @@ static enum err run_slice(struct beside *b, struct passes *s, struct relight_cau
 {
     enum err result = ERR_OK;
 
-    if (b->slice == SLICE_STORED)
+    if (b->slice == SLICE_STORED) {
+        b->parts = count_parts(b, eye);
         begin(b, whole);
+    }
+    const uint32_t at = b->slice - SLICE_SAMPLES; /* below 0 as well */
     if (b->slice <= SLICE_STORED_OTHER)
         result = run_stored(b, c, e, b->slice - SLICE_STORED, stats);
-    else if (b->slice <= SLICE_SAMPLES_OTHER)
-        result = run_half(b, s, c, e, eye, b->slice - SLICE_SAMPLES, stats);
+    else if (at < 2 * b->parts)
+        result = run_half(b, s, c, e, eye, at / b->parts, at % b->parts, stats);
     else
         filter(b, s->lo);
-    b->slice = result || is_cancelled(b->cancel) ? SLICE_STORED : (enum slice)((b->slice + 1) % SLICES);
+    b->slice = result || is_cancelled(b->cancel) ? SLICE_STORED : (b->slice + 1) % slices(b);
     return result;
 }
 
@@ -382,10 +424,11 @@ enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics 
 
     if (whole)
         b->slice = SLICE_STORED;
-    else if (b->slice != SLICE_FILTER)
+    else if (b->slice + 1 < slices(b)) /* the filter does it itself */
         accumulation_glide(b->accumulation, b->shown);
-    for (int k = 0; k < (whole ? SLICES : 1) && !result; k++)
+    do
         result = run_slice(b, s, caustics, e, eye, whole, stats);
+    while (whole && b->slice != SLICE_STORED && !result && !is_cancelled(b->cancel));
     if (!result && !is_cancelled(b->cancel))
         add_shown(b, s->lo);
     return result;
