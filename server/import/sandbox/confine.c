@@ -1,12 +1,56 @@
-#define _GNU_SOURCE /* close_range */
+#define _GNU_SOURCE /* close_range, setresuid */
 #include "import/sandbox/confine.h"
 
 #include <errno.h>
+#include <grp.h>
+#include <linux/capability.h>
 #include <seccomp.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
+#include <sys/syscall.h>
 #include <unistd.h>
+
+#define NOBODY 65534 /* user and group that own nothing */
+
+/* ---- User and capabilities ---- */
+
+static int capabilities(long call, struct __user_cap_data_struct sets[2])
+{
+    struct __user_cap_header_struct header = { .version = _LINUX_CAPABILITY_VERSION_3 };
+
+    return syscall(call, &header, sets) == 0 ? 0 : errno;
+}
+
+/* Whether this root may become another user, and its parent, which has the same capabilities, may still end it. */
+static bool may_change_user(void)
+{
+    const uint32_t needed = 1u << CAP_SETUID | 1u << CAP_SETGID | 1u << CAP_KILL;
+    struct __user_cap_data_struct sets[2] = { { 0 } };
+
+    return geteuid() == 0 && capabilities(SYS_capget, sets) == 0 && (sets[0].effective & needed) == needed;
+}
+
+int confine_user(void)
+{
+    struct __user_cap_data_struct none[2] = { { 0 } };
+
+    for (unsigned long k = 0; prctl(PR_CAPBSET_READ, k, 0, 0, 0) >= 0; k++)
+        prctl(PR_CAPBSET_DROP, k, 0, 0, 0); /* fails only without CAP_SETPCAP; nothing can be gained without it */
+    /* EINVAL: a user namespace that has no such user, whose root is nobody elsewhere. */
+    if (may_change_user() &&
+        (setgroups(0, NULL) != 0 || setresgid(NOBODY, NOBODY, NOBODY) != 0 || setresuid(NOBODY, NOBODY, NOBODY) != 0) &&
+        errno != EINVAL)
+        return errno;
+    if (prctl(PR_CAP_AMBIENT, PR_CAP_AMBIENT_CLEAR_ALL, 0, 0, 0) != 0)
+        return errno;
+    const int failed = capabilities(SYS_capset, none);
+    if (failed)
+        return failed;
+    return prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || prctl(PR_SET_DUMPABLE, 0, 0, 0, 0) != 0 ? errno : 0;
+}
+
+/* ---- Limits ---- */
 
 static bool limit(int what, rlim_t most)
 {
@@ -31,8 +75,9 @@ int confine_limits(const struct confine_limits *l)
 #ifdef __SANITIZE_ADDRESS__
     address_bytes = RLIM_INFINITY; /* AddressSanitizer's shadow memory exceeds any limit */
 #endif
-    if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || prctl(PR_SET_DUMPABLE, 0, 0, 0, 0) != 0)
-        return errno;
+    const int failed = confine_user();
+    if (failed)
+        return failed;
     if (!limit(RLIMIT_AS, address_bytes) || !limit_time(l->seconds) ||
         !limit(RLIMIT_NOFILE, l->descriptors + l->received) || !limit(RLIMIT_FSIZE, l->file_bytes) ||
         !limit(RLIMIT_CORE, 0) || (!l->threads && !limit(RLIMIT_NPROC, 0)) || !limit(RLIMIT_MEMLOCK, 0) ||
@@ -40,6 +85,8 @@ int confine_limits(const struct confine_limits *l)
         return errno;
     return 0;
 }
+
+/* ---- System calls: seccomp ---- */
 
 /* malloc needs getrandom. The masks ignore the upper halves of the int arguments of mmap and mprotect, as the kernel
  * does. */

@@ -15,7 +15,11 @@ struct confine_limits {
     bool threads;         /* it may start threads; confine_network keeps it from starting processes */
 };
 
-/* Denies new files, core dumps, processes and privileges, and sets these limits. Returns 0 or errno. */
+/* Drops all capabilities and the right to gain any; a process of root becomes one of nobody, if root may do that.
+ * Returns 0 or errno. Part of confine_limits. */
+int confine_user(void);
+
+/* Drops privileges, denies new files, core dumps and processes, and sets these limits. Returns 0 or errno. */
 int confine_limits(const struct confine_limits *l);
 
 /* Installs a seccomp filter: every system call other than read, write, memory, clocks and exit ends the process
@@ -27,7 +31,8 @@ int confine_calls_softly(void);
 
 /* Of a process that reads from the network: a seccomp filter that allows internet sockets, threads and what belongs to
  * them, and Landlock where the kernel has it: of files it may read only those that resolving names and checking
- * certificates need, and `file`, which may be NULL. Everything else fails with EPERM; starting a program ends the
- * process. Returns 0, or errno if the kernel has no seccomp; a missing Landlock is no error, then reading files is not
- * limited. */
+ * certificates need, and `file`, which may be NULL. Calls are checked with their arguments: sockets of TCP, UDP and for
+ * asking which addresses there are; no signals through descriptors. Everything else fails with EPERM; starting a
+ * program ends the process. Returns 0, or errno if the kernel has no seccomp; a missing Landlock is no error, then
+ * reading files is not limited. */
 int confine_network(const char *file);

@@ -4,8 +4,11 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <linux/landlock.h>
+#include <linux/netlink.h>
+#include <netinet/in.h>
 #include <sched.h>
 #include <seccomp.h>
+#include <sys/ioctl.h>
 #include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
@@ -104,8 +107,6 @@ static const int calls[] = {
     SCMP_SYS(stat),
     SCMP_SYS(lstat),
     SCMP_SYS(access),
-    SCMP_SYS(fcntl),
-    SCMP_SYS(ioctl),
     SCMP_SYS(poll),
     SCMP_SYS(ppoll),
     SCMP_SYS(select),
@@ -137,9 +138,53 @@ static const int calls[] = {
     SCMP_SYS(shutdown),
 };
 
+/* The kernel ignores the upper halves of these arguments, so the filter does. */
+#define IS(value) SCMP_CMP_MASKED_EQ, 0xffffffffu, (scmp_datum_t)(value)
+
+/* TCP, UDP, and of netlink what tells which addresses there are. No raw sockets. */
+static int add_sockets(scmp_filter_ctx filter)
+{
+    static const struct {
+        int family, type, protocol;
+    } allowed[] = {
+        { AF_INET, SOCK_STREAM, 0 },
+        { AF_INET, SOCK_STREAM, IPPROTO_TCP },
+        { AF_INET, SOCK_DGRAM, 0 },
+        { AF_INET, SOCK_DGRAM, IPPROTO_UDP },
+        { AF_INET6, SOCK_STREAM, 0 },
+        { AF_INET6, SOCK_STREAM, IPPROTO_TCP },
+        { AF_INET6, SOCK_DGRAM, 0 },
+        { AF_INET6, SOCK_DGRAM, IPPROTO_UDP },
+        { AF_NETLINK, SOCK_RAW, NETLINK_ROUTE },
+    };
+    const scmp_datum_t type = ~(scmp_datum_t)(SOCK_CLOEXEC | SOCK_NONBLOCK) & 0xffffffffu;
+    int fault = 0;
+
+    for (size_t i = 0; i < sizeof(allowed) / sizeof(allowed[0]) && !fault; i++)
+        fault = seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(socket), 3, SCMP_A0(IS(allowed[i].family)),
+                                 SCMP_A1(SCMP_CMP_MASKED_EQ, type, (scmp_datum_t)allowed[i].type),
+                                 SCMP_A2(IS(allowed[i].protocol)));
+    return fault;
+}
+
+/* Not F_SETOWN, F_SETSIG and O_ASYNC, with which a descriptor sends any signal to any process of this user; of ioctl,
+ * whose numbers are many, only what asks about waiting bytes and makes a socket non-blocking. */
+static int add_descriptors(scmp_filter_ctx filter)
+{
+    static const int commands[] = { F_GETFD, F_SETFD, F_GETFL, F_DUPFD, F_DUPFD_CLOEXEC };
+    static const unsigned long requests[] = { FIONBIO, FIONREAD };
+    int fault = seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(fcntl), 2, SCMP_A1(IS(F_SETFL)),
+                                 SCMP_A2(SCMP_CMP_MASKED_EQ, O_ASYNC, 0));
+
+    for (size_t i = 0; i < sizeof(commands) / sizeof(commands[0]) && !fault; i++)
+        fault = seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(fcntl), 1, SCMP_A1(IS(commands[i])));
+    for (size_t i = 0; i < sizeof(requests) / sizeof(requests[0]) && !fault; i++)
+        fault = seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(ioctl), 1, SCMP_A1(IS(requests[i])));
+    return fault;
+}
+
 static int add_rules(scmp_filter_ctx filter)
 {
-    static const int families[] = { AF_INET, AF_INET6, AF_NETLINK }; /* the last tells which addresses there are */
     const struct scmp_arg_cmp reads = SCMP_A2(SCMP_CMP_MASKED_EQ, O_ACCMODE | O_CREAT | O_TRUNC, O_RDONLY),
                               thread = SCMP_A0(SCMP_CMP_MASKED_EQ, CLONE_THREAD, CLONE_THREAD),
                               itself = SCMP_A0(SCMP_CMP_EQ, (scmp_datum_t)getpid(), 0);
@@ -147,9 +192,10 @@ static int add_rules(scmp_filter_ctx filter)
 
     for (size_t i = 0; i < sizeof(calls) / sizeof(calls[0]) && !fault; i++)
         fault = seccomp_rule_add(filter, SCMP_ACT_ALLOW, calls[i], 0);
-    for (size_t i = 0; i < sizeof(families) / sizeof(families[0]) && !fault; i++)
-        fault = seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(socket), 1,
-                                 SCMP_A0(SCMP_CMP_EQ, (scmp_datum_t)families[i], 0));
+    if (!fault)
+        fault = add_sockets(filter);
+    if (!fault)
+        fault = add_descriptors(filter);
     if (!fault)
         fault = seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(openat), 1, reads);
     if (!fault)
