@@ -1,5 +1,7 @@
 #include "clients/record/journal.h"
 
+#include "base/file_store.h"
+
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
@@ -47,7 +49,7 @@ enum err journal_open(struct journal *j, const char *path, struct reason *why)
     *j = (struct journal){ .fd = -1, .path = path };
     if (!path)
         return ERR_OK;
-    j->fd = open(path, O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
+    j->fd = file_open(path, O_RDWR | O_APPEND);
     const off_t size = j->fd < 0 ? -1 : lseek(j->fd, 0, SEEK_END);
     if (size < 0)
         return say(j, "open", why);

@@ -1,3 +1,4 @@
+#define _GNU_SOURCE /* O_PATH */
 #include "base/file_store.h"
 
 #include <errno.h>
@@ -18,15 +19,13 @@ bool file_is_stdout(const char *path)
 
 static enum err say_errno(struct reason *why, const char *path, const char *step, int number)
 {
-    char text[128];
+    char room[128];
 
     if (number == EPIPE && file_is_stdout(path))
         return err_say(why, ERR_IO, "standard output: the reader has closed it");
     if (file_is_stdout(path))
         path = "standard output";
-    if (strerror_r(number, text, sizeof(text)) != 0)
-        snprintf(text, sizeof(text), "error %d", number);
-    return err_say(why, ERR_IO, "%s: cannot %s: %s", path, step, text);
+    return err_say(why, ERR_IO, "%s: cannot %s: %s", path, step, strerror_r(number, room, sizeof(room)));
 }
 
 /* Whether `name` still refers to the open file: another process may have renamed it before this one got the lock. */
@@ -38,15 +37,94 @@ static bool is_still(int fd, const char *name)
            open_one.st_dev == named.st_dev && S_ISREG(named.st_mode);
 }
 
-/* Opens and locks `name` and truncates it, since it may hold what a killed process left. *fd is -1 if another process
- * is writing to it. Returns 0 or errno. */
+/* ---- What others may have put there ---- */
+
+/* Where others may write, a name can be a link to a file of ours, or a pipe that nobody reads. */
+static bool is_trusted(const struct stat *st)
+{
+    return st->st_uid == geteuid() || st->st_uid == 0;
+}
+
+/* Opens what the link `link` names, which is not followed again: it may be another one by now. */
+static int open_target(const char *path, int link, int flags)
+{
+    char target[PATH_ROOM], joined[PATH_ROOM];
+    const ssize_t n = readlinkat(link, "", target, sizeof(target) - 1);
+    const char *slash = strrchr(path, '/');
+
+    if (n <= 0)
+        return -1;
+    target[n] = 0;
+    const int folder = slash && target[0] != '/' ? (int)(slash - path) + 1 : 0;
+    if (snprintf(joined, sizeof(joined), "%.*s%s", folder, path, target) >= (int)sizeof(joined)) {
+        errno = ENAMETOOLONG;
+        return -1;
+    }
+    return open(joined, flags | O_CREAT, 0666);
+}
+
+static int open_existing(const char *path, int flags)
+{
+    const int at = open(path, O_PATH | O_NOFOLLOW | O_CLOEXEC);
+    char again[40];
+    struct stat st;
+    int fd = -1;
+
+    if (at < 0)
+        return -1;
+    snprintf(again, sizeof(again), "/proc/self/fd/%d", at);
+    if (fstat(at, &st) != 0 || !(is_trusted(&st) || S_ISCHR(st.st_mode)) || (S_ISREG(st.st_mode) && st.st_nlink > 1))
+        errno = EPERM;
+    else
+        fd = S_ISLNK(st.st_mode) ? open_target(path, at, flags) : open(again, flags);
+    const int number = errno;
+    close(at);
+    errno = number;
+    return fd;
+}
+
+int file_open(const char *path, int flags)
+{
+    const int fd = open(path, flags | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+
+    return fd < 0 && errno == EEXIST ? open_existing(path, flags | O_CLOEXEC) : fd;
+}
+
+FILE *file_rewrite(const char *path)
+{
+    const int fd = file_open(path, O_WRONLY | O_TRUNC);
+    FILE *f = fd < 0 ? NULL : fdopen(fd, "w");
+
+    if (fd >= 0 && !f)
+        close(fd);
+    return f;
+}
+
+/* Opens a file of ours that a killed process left; -1: it is another's, a link or a pipe. */
+static int open_left(const char *name)
+{
+    const int fd = open(name, O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    struct stat st;
+
+    if (fd < 0 || (fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && st.st_uid == geteuid() && st.st_nlink == 1))
+        return fd;
+    close(fd);
+    return -1;
+}
+
+/* Creates and locks `name`, or takes over what a killed process left. *fd is -1 if the name is taken: another process
+ * writes to it, or it is not ours. Returns 0 or errno. */
 static int claim(const char *name, int *fd)
 {
     struct flock lock = { .l_type = F_WRLCK, .l_whence = SEEK_SET };
 
-    *fd = open(name, O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
-    if (*fd < 0)
+    *fd = open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    if (*fd < 0 && errno != EEXIST)
         return errno;
+    if (*fd < 0)
+        *fd = open_left(name);
+    if (*fd < 0)
+        return 0;
     /* On a file system without locks, only one process may write to a name. */
     const bool taken = fcntl(*fd, F_SETLK, &lock) != 0 && (errno == EAGAIN || errno == EACCES);
     if (!taken && is_still(*fd, name) && ftruncate(*fd, 0) == 0)
@@ -64,7 +142,7 @@ static enum err open_beside(const char *path, char temporary[PATH_ROOM], int *fd
         if (n < 0 || n >= PATH_ROOM)
             return err_say(why, ERR_IO, "%.200s...: the path exceeds %d bytes", path, PATH_ROOM - 32);
         const int number = claim(temporary, fd);
-        if (number && number != ELOOP)
+        if (number)
             return say_errno(why, path, "create the file", number);
         if (*fd >= 0)
             return ERR_OK;
@@ -119,11 +197,15 @@ static int sync_folder(const char *path)
     return failed;
 }
 
-/* A pipe, a device or a link to one must be written in place, not replaced by a regular file. */
+/* A pipe, a device or a link of ours is written in place; what another user put there is replaced. */
 static bool is_replaceable(const char *path)
 {
     struct stat st;
-    return !file_is_stdout(path) && (lstat(path, &st) != 0 || S_ISREG(st.st_mode));
+
+    if (file_is_stdout(path))
+        return false;
+    return lstat(path, &st) != 0 || S_ISREG(st.st_mode) ||
+           ((S_ISLNK(st.st_mode) || S_ISFIFO(st.st_mode)) && !is_trusted(&st));
 }
 
 enum err file_draft_begin(struct file_draft *d, const char *path, struct reason *why)
@@ -136,11 +218,14 @@ enum err file_draft_begin(struct file_draft *d, const char *path, struct reason 
         e = open_beside(path, d->temporary, &d->fd, why);
     } else {
         memcpy(d->temporary, d->path, sizeof(d->path));
-        d->fd = file_is_stdout(path) ? fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 0)
-                                     : open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+        d->fd = file_is_stdout(path) ? fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 0) : file_open(path, O_WRONLY | O_TRUNC);
         e = d->fd < 0 ? say_errno(why, path, "open", errno) : ERR_OK;
     }
     d->begun = !e;
+    if (file_is_stdout(path))
+        snprintf(d->name, sizeof(d->name), "%s", path);
+    else
+        snprintf(d->name, sizeof(d->name), "/proc/self/fd/%d", d->fd);
     return e;
 }
 

@@ -1,7 +1,8 @@
 /* Atomic file writes: no reader ever sees a partial file. Writes to NAME.part in the same folder, syncs it, renames it
- * to NAME and syncs the folder. After ERR_OK the file survives a power failure. After an error or a kill the old file
- * is intact; at most a .part file remains, which the next writer of that name reuses. Thread: any, but one at a time
- * within a process. Several processes may write to one name; the last one wins. */
+ * to NAME and syncs the folder. In a folder that others may write to, nothing is written through what they put there.
+ * After ERR_OK the file survives a power failure. After an error or a kill the old file is intact; at most a .part file
+ * remains, which the next writer of that name reuses. Thread: any, but one at a time within a process. Several
+ * processes may write to one name; the last one wins. */
 #pragma once
 
 #include "base/err.h"
@@ -9,6 +10,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 
 /* Longest path, with its NUL. */
 #define FILE_STORE_PATH 4096
@@ -21,7 +23,8 @@ bool file_is_stdout(const char *path);
 /* A file that a library writes by its name. Zeroed memory is one that is not begun. */
 struct file_draft {
     char path[FILE_STORE_PATH];      /* the finished file */
-    char temporary[FILE_STORE_PATH]; /* write here; the same as path for a pipe, device or symbolic link, "-" for
+    char temporary[FILE_STORE_PATH]; /* the same as path for a pipe, device or symbolic link */
+    char name[40];                   /* a library writes here: the open file, whatever becomes of its name; "-" for
                                         standard output */
     int fd;                          /* locked while the file is written */
     bool begun, replace;             /* replace: temporary is renamed to path */
@@ -33,6 +36,12 @@ MUST_CHECK enum err file_draft_begin(struct file_draft *d, const char *path, str
 MUST_CHECK enum err file_draft_commit(struct file_draft *d, struct reason *why);
 /* Removes the temporary file. Does nothing after file_draft_commit or when nothing is begun. */
 void file_draft_discard(struct file_draft *d);
+
+/* Creates the file, or opens it with these flags of open(2) if it is there; its own links are followed. -1 and errno:
+ * not; EPERM: it is another user's, or has another name too. */
+int file_open(const char *path, int flags);
+/* Likewise, to write it anew; NULL and errno: not. */
+FILE *file_rewrite(const char *path);
 
 /* Writes `size` bytes to `path`. A pipe, device or symbolic link is written in place. ERR_IO names path and cause, such
  * as a full disk or a missing folder. */

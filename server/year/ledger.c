@@ -160,10 +160,10 @@ static enum err take_old(struct ledger *l, const char *const path[2], ledger_rep
 
 static enum err begin(struct ledger *l, const char *const path[2], struct reason *why)
 {
-    l->hours = fopen(path[0], "w");
+    l->hours = file_rewrite(path[0]);
     if (!l->hours)
         return io_error(path[0], why);
-    l->lux = fopen(path[1], "w");
+    l->lux = file_rewrite(path[1]);
     if (!l->lux)
         return io_error(path[1], why);
     for (int k = 0; k < LEDGER_COLUMNS; k++)

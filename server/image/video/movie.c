@@ -172,7 +172,7 @@ static enum err open_mux(struct movie *m, struct reason *why)
     const bool matroska = strcmp(m->container, "mkv") == 0;
     const struct mux_desc desc = {
         .format = matroska ? "matroska" : m->container,
-        .path = m->draft.temporary,
+        .path = m->draft.name,
         .options = options_of(m),
     };
 

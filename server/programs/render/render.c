@@ -1,6 +1,7 @@
 #include "programs/render/render_internal.h"
 
 #include "base/clock.h"
+#include "base/file_store.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "light/frame/part.h"
@@ -35,7 +36,7 @@ static enum err open_outputs(struct render *r, struct reason *why)
         e = render_check_shared(r, why);
     if (e || !d->stats_path || ranks_index(d->ranks) > 0)
         return e;
-    r->stats = strcmp(d->stats_path, "-") == 0 ? stdout : fopen(d->stats_path, "w");
+    r->stats = strcmp(d->stats_path, "-") == 0 ? stdout : file_rewrite(d->stats_path);
     if (!r->stats)
         return err_say(why, ERR_IO, "%s: %s", d->stats_path, strerror(errno));
     fputs("[", r->stats);

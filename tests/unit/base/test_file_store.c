@@ -155,6 +155,138 @@ static void a_link_under_the_temporary_name_is_not_followed(void **state)
     assert_int_equal(leave(&f), 3);
 }
 
+#define STRANGER 65534 /* a user that owns nothing else here */
+
+/* Whether this user may act as another one. */
+static bool may_act(void)
+{
+    return geteuid() == 0;
+}
+
+/* In a folder of another user: what that user put under the name is replaced, and under the temporary name left
+ * alone. */
+static void what_others_put_there_is_not_written_through(void **state)
+{
+    struct reason why = { "" };
+    struct stat st;
+    struct folder f;
+    char victim[160], got[16];
+
+    (void)state;
+    enter(&f);
+    snprintf(victim, sizeof(victim), "%s/victim", f.path);
+    assert_int_equal(file_store(victim, "keep", 4, &why), ERR_OK);
+    for (int kind = 0; may_act() && kind < 4; kind++) {
+        const char *name = kind < 2 ? f.file : f.part;
+        unlink(f.file);
+        unlink(f.part);
+        if (kind % 2 == 0)
+            assert_int_equal(symlink("victim", name), 0);
+        else
+            assert_int_equal(mkfifo(name, 0666), 0);
+        assert_int_equal(lchown(name, STRANGER, STRANGER), 0);
+        alarm(20); /* a pipe without a reader would block */
+        assert_int_equal(file_store(f.file, "new", 3, &why), ERR_OK);
+        alarm(0);
+        assert_int_equal(content(victim, got, sizeof(got)), 4);
+        assert_int_equal(lstat(f.file, &st), 0);
+        assert_true(S_ISREG(st.st_mode) && st.st_uid == geteuid());
+        assert_int_equal(content(f.file, got, sizeof(got)), 3);
+    }
+    leave(&f);
+}
+
+/* Else the finished file would belong to them. */
+static void a_file_of_others_under_the_temporary_name_is_left_alone(void **state)
+{
+    struct reason why = { "" };
+    struct stat st;
+    struct folder f;
+    char got[16];
+
+    (void)state;
+    enter(&f);
+    FILE *part = fopen(f.part, "wb");
+    assert_non_null(part);
+    fputs("theirs", part);
+    fclose(part);
+    if (!may_act() || chown(f.part, STRANGER, STRANGER) != 0) {
+        leave(&f);
+        return;
+    }
+    assert_int_equal(file_store(f.file, "new", 3, &why), ERR_OK);
+    assert_int_equal(stat(f.file, &st), 0);
+    assert_int_equal(st.st_uid, geteuid());
+    assert_int_equal(content(f.file, got, sizeof(got)), 3);
+    assert_int_equal(content(f.part, got, sizeof(got)), 6);
+    assert_int_equal(leave(&f), 2);
+}
+
+/* A second name of a file of ours would let others have it emptied. */
+static void a_second_name_of_a_file_is_not_a_leftover(void **state)
+{
+    struct reason why = { "" };
+    struct folder f;
+    char victim[160], got[16];
+
+    (void)state;
+    enter(&f);
+    snprintf(victim, sizeof(victim), "%s/victim", f.path);
+    assert_int_equal(file_store(victim, "keep", 4, &why), ERR_OK);
+    assert_int_equal(link(victim, f.part), 0);
+    assert_int_equal(file_store(f.file, "new", 3, &why), ERR_OK);
+    assert_int_equal(content(victim, got, sizeof(got)), 4);
+    assert_int_equal(file_open(victim, O_WRONLY), -1);
+    assert_int_equal(leave(&f), 3);
+}
+
+static void own_links_and_pipes_are_written_in_place(void **state)
+{
+    struct reason why = { "" };
+    struct folder f;
+    char target[160], got[16];
+    int ends;
+
+    (void)state;
+    enter(&f);
+    snprintf(target, sizeof(target), "%s/target", f.path);
+    assert_int_equal(symlink("target", f.file), 0);
+    assert_int_equal(file_store(f.file, "first", 5, &why), ERR_OK);
+    assert_int_equal(file_store(f.file, "new", 3, &why), ERR_OK);
+    assert_int_equal(content(target, got, sizeof(got)), 3);
+    assert_int_equal(unlink(f.file), 0);
+    assert_int_equal(mkfifo(f.file, 0600), 0);
+    ends = open(f.file, O_RDWR);
+    assert_int_equal(file_store(f.file, "piped", 5, &why), ERR_OK);
+    assert_int_equal(read(ends, got, sizeof(got)), 5);
+    close(ends);
+    assert_int_equal(leave(&f), 2);
+}
+
+/* As a library does it: by name, also after another user has put a link in the file's place. */
+static void a_draft_is_the_open_file_whatever_its_name_becomes(void **state)
+{
+    struct reason why = { "" };
+    struct file_draft d;
+    struct folder f;
+    char victim[160], got[16];
+
+    (void)state;
+    enter(&f);
+    snprintf(victim, sizeof(victim), "%s/victim", f.path);
+    assert_int_equal(file_store(victim, "keep", 4, &why), ERR_OK);
+    assert_int_equal(file_draft_begin(&d, f.file, &why), ERR_OK);
+    assert_int_equal(unlink(f.part), 0);
+    assert_int_equal(symlink("victim", f.part), 0);
+    FILE *library = fopen(d.name, "wb");
+    assert_non_null(library);
+    fputs("new", library);
+    fclose(library);
+    assert_int_equal(content(victim, got, sizeof(got)), 4);
+    file_draft_discard(&d);
+    leave(&f);
+}
+
 /* A limit on file size stands for a disk that fills up half-way. */
 static void a_full_disk_leaves_the_old_file_alone(void **state)
 {
@@ -215,6 +347,11 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(what_a_killed_writer_left_is_taken_over),
     cmocka_unit_test(two_writers_do_not_share_a_temporary_file),
     cmocka_unit_test(a_link_under_the_temporary_name_is_not_followed),
+    cmocka_unit_test(what_others_put_there_is_not_written_through),
+    cmocka_unit_test(a_file_of_others_under_the_temporary_name_is_left_alone),
+    cmocka_unit_test(a_second_name_of_a_file_is_not_a_leftover),
+    cmocka_unit_test(own_links_and_pipes_are_written_in_place),
+    cmocka_unit_test(a_draft_is_the_open_file_whatever_its_name_becomes),
     cmocka_unit_test(a_full_disk_leaves_the_old_file_alone),
     cmocka_unit_test(patterns_name_files_by_number),
 };
