@@ -20,6 +20,12 @@
 
 #define DECODE_FILE_MAX ((size_t)1 << 30) /* the largest file that decode_file reads */
 
+#define DECODE_HEAD ((size_t)256 << 10) /* bytes of a file by which it is judged */
+
+/* The most bytes that a file may have that begins with these, DECODE_HEAD or all of it; 0: it is no image. UINT64_MAX:
+ * decoding will say what is wrong. Thread: any. */
+uint64_t decode_claimed(const uint8_t *head, size_t size);
+
 /* Decodes a file from memory; `name` stands for it in messages. On failure the contents of *im are undefined but valid,
  * and it still owns its memory. ERR_FORMAT: damaged, truncated, or none of these formats. ERR_UNSUPPORTED: valid,
  * but deep, subsampled, integer, luminance with chroma, without colour channels, or gamma-encoded. ERR_RANGE: larger

@@ -1,6 +1,7 @@
 #include "sky/source/files.h"
 
 #include "base/mem.h"
+#include "image/codec/decode.h"
 
 #include <assert.h>
 #include <ctype.h>
@@ -16,6 +17,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#define SMALL_BYTES (1 << 20) /* files up to this are read without a look at the header */
 #define FACE "{face}"
 
 enum err files_say_errno(struct reason *why, const char *path, const char *what, int number)
@@ -377,6 +379,23 @@ static enum err read_bytes(int fd, uint8_t *to, size_t size, const char *path, s
     return ERR_OK;
 }
 
+/* Judges a large file by its header, before it takes memory: one with holes takes no disk. */
+static enum err check_claimed(int fd, const char *path, uint64_t size, struct reason *why)
+{
+    uint8_t *head = mem_alloc_raw(DECODE_HEAD, 1);
+    const ssize_t n = head ? pread(fd, head, DECODE_HEAD, 0) : -1;
+    const uint64_t most = n > 0 ? decode_claimed(head, (size_t)n) : UINT64_MAX; /* reading will say what is wrong */
+
+    mem_free(head);
+    if (size <= most)
+        return ERR_OK;
+    if (most == 0)
+        return err_say(why, ERR_FORMAT, "%s: its first %d KiB are no header of an image; it was not read", path,
+                       (int)(DECODE_HEAD >> 10));
+    return err_say(why, ERR_FORMAT, "%s: is %" PRIu64 " bytes long, but by its header at most %" PRIu64, path, size,
+                   most);
+}
+
 /* Opens a file and checks its size against the limits. Sets *fd and *st on ERR_OK. */
 static enum err open_file(const char *path, int *fd, struct stat *st, struct reason *why)
 {
@@ -395,6 +414,8 @@ static enum err open_file(const char *path, int *fd, struct stat *st, struct rea
     else if ((uint64_t)st->st_size > FILES_SIZE_MAX)
         e = err_say(why, ERR_RANGE, "%s: is %lld bytes long, more than the limit of %" PRIu64, path,
                     (long long)st->st_size, FILES_SIZE_MAX);
+    else if (st->st_size > SMALL_BYTES)
+        e = check_claimed(*fd, path, (uint64_t)st->st_size, why);
     if (e) {
         close(*fd);
         *fd = -1;

@@ -51,6 +51,42 @@ static enum err refuse(const char *spec, struct reason *why)
     return e;
 }
 
+/* A file with a hole takes no disk; it must not take memory either. */
+static void a_hole_is_not_read(void **state)
+{
+    static const struct {
+        const char *head;
+        size_t size;
+        bool good; /* its size may be what its header says */
+    } rows[] = { { "", 0, false },
+                 { "GIF89a", 6, false },
+                 { "#?RADIANCE\n", 11, false },
+                 { "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 64 +X 128\n", 49, false },
+                 { "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4096 +X 8192\n", 52, true },
+                 { "\x76\x2f\x31\x01\x02\0\0\0", 8, false },
+                 { "\xff\xd8\xff\xc0\0\x11\x08\0\x40\0\x80\x03\x01", 13, false },
+                 { "\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x80\0\0\0\x40\x08\x02", 26, false } };
+    struct frame frame = { .kind = FRAME_NONE };
+    struct reason why = { "" };
+    struct folder f;
+    (void)state;
+
+    folder_make(&f);
+    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
+        const char *path = folder_path(&f, "hole.hdr");
+        const int fd = open(path, O_WRONLY | O_CREAT | O_TRUNC, 0600);
+        assert_int_equal(write(fd, rows[i].head, rows[i].size), rows[i].size);
+        assert_int_equal(ftruncate(fd, (off_t)200 << 20), 0);
+        close(fd);
+        const struct file_item item = { .path = (char *)(uintptr_t)path };
+        const enum err e = files_read(&item, &frame, &why);
+        if (e != (rows[i].good ? ERR_OK : ERR_FORMAT))
+            fail_msg("row %zu: %s (%s)", i, err_text(e), why.text);
+    }
+    frame_finish(&frame);
+    folder_remove(&f);
+}
+
 /* {face} stands for six names, in the order of frame.h; numbers go on as ever. */
 static void faces_come_as_six_files_in_one_frame(void **state)
 {
@@ -455,6 +491,7 @@ static void real_sequence_has_its_67_frames(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(faces_come_as_six_files_in_one_frame),
+    cmocka_unit_test(a_hole_is_not_read),
     cmocka_unit_test(pattern_walks_the_numbers_that_exist_in_order),
     cmocka_unit_test(pattern_knows_the_conversions_of_whole_numbers),
     cmocka_unit_test(pattern_takes_every_other_percent_sign_literally),
