@@ -29,7 +29,8 @@ static const char *read_host(const char *text, struct address *a)
         a->port = digits <= 5 ? atoi(end) : 0;
         end += digits;
     }
-    snprintf(a->named, sizeof(a->named), six ? "[%s]:%d" : "%s:%d", a->host, a->port);
+    const int shown = (int)strcspn(a->host, "%"); /* a zone means nothing to the server */
+    snprintf(a->named, sizeof(a->named), six ? "[%.*s]:%d" : "%.*s:%d", shown, a->host, a->port);
     return (*end == '\0' || *end == '/') && a->port >= 1 && a->port <= 65535 ? end : NULL;
 }
 

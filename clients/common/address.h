@@ -12,7 +12,7 @@
 struct address {
     bool tls;
     char host[256];  /* a name, or a numeric address without brackets */
-    char named[272]; /* host and port as the Host header has them: brackets around IPv6 */
+    char named[272]; /* host and port as the Host header has them: brackets around IPv6, no zone */
     char path[256];  /* PROTOCOL_PATH unless the address names another */
     int port;
 };
@@ -26,8 +26,8 @@ MUST_CHECK enum err address_parse(const char *text, struct address *out, struct 
 /* The servers that a TLS client trusts, and the reason if it does not trust one. Any thread. */
 
 /* For TLS 1.2 and later. Trusts the certificate authorities in the PEM file, or the system's when it is NULL; the
- * certificate must name the address's host, also when that is numeric. ERR_IO, ERR_FORMAT: the file; ERR_NOMEM. The
- * caller frees *out with SSL_CTX_free. */
+ * certificate must name the address's host, also when that is numeric. ERR_USAGE: no certificate can; ERR_IO,
+ * ERR_FORMAT: the file; ERR_NOMEM. The caller frees *out with SSL_CTX_free. */
 MUST_CHECK enum err trust_create(const char *ca_file, const struct address *server, SSL_CTX **out, struct reason *why);
 
 /* After a handshake that failed: true when the certificate is at fault; *why then says how, and what to do. */

@@ -1,8 +1,21 @@
 #include "clients/common/address.h"
 
 #include <errno.h>
+#include <stdio.h>
 #include <string.h>
 #include <unistd.h>
+
+/* libwebsockets asks for names and IPv4 addresses to match, but cuts IPv6 addresses at their first colon, so it is told
+ * not to look at these (connection.c). A zone, as in fe80::1%eth0, is of this machine and in no certificate. */
+static enum err expect_address(SSL_CTX *c, const char *host, struct reason *why)
+{
+    char address[sizeof(((struct address *)0)->host)];
+
+    snprintf(address, sizeof(address), "%.*s", (int)strcspn(host, "%"), host);
+    if (X509_VERIFY_PARAM_set1_ip_asc(SSL_CTX_get0_param(c), address) == 1)
+        return ERR_OK;
+    return err_say(why, ERR_USAGE, "[%s]: is not an IPv6 address, so no certificate can be checked against it", host);
+}
 
 enum err trust_create(const char *ca_file, const struct address *server, SSL_CTX **out, struct reason *why)
 {
@@ -16,13 +29,12 @@ enum err trust_create(const char *ca_file, const struct address *server, SSL_CTX
         e = err_say(why, ERR_IO, "--ca %s: cannot be read: %s", ca_file, strerror(errno));
     else if (ca_file && !SSL_CTX_load_verify_file(c, ca_file))
         e = err_say(why, ERR_FORMAT, "--ca %s: has no certificate in PEM form", ca_file);
+    else if (strchr(server->host, ':'))
+        e = expect_address(c, server->host, why);
     if (e) {
         SSL_CTX_free(c);
         return e;
     }
-    /* libwebsockets asks for names and IPv4 addresses to match, but cuts IPv6 addresses at their first colon */
-    if (strchr(server->host, ':'))
-        X509_VERIFY_PARAM_set1_ip_asc(SSL_CTX_get0_param(c), server->host);
     *out = c;
     return ERR_OK;
 }

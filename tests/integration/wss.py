@@ -84,7 +84,9 @@ async def an_ipv6_address_is_held_to_the_certificate(folder):
     for name, names, code in ("good", "IP:::1", 0), ("bad", "IP:::2,DNS:localhost", 1):
         cert, key = certificate(folder, name, names=names)
         async with Daemon(*LOCKSTEP, "--bind", "::1", "--tls-cert", str(cert), "--tls-key", str(key)) as daemon:
-            expect(await feed(f"wss://[::1]:{port_of(daemon.url)}", "--ca", cert), code, "IP address mismatch" if code else "")
+            for host in "::1", "::1%1", "0:0:0:0:0:0:0:1":
+                said = await feed(f"wss://[{host}]:{port_of(daemon.url)}", "--ca", cert)
+                expect(said, code, "IP address mismatch" if code else "")
 
 
 async def ca_files_that_will_not_do_are_named(folder):
