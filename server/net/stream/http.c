@@ -92,6 +92,48 @@ bool http_origin_ok(struct lws *wsi)
     return authority && strcasecmp(authority + 3, host) == 0;
 }
 
+/* Header of a request by its name with the colon; "": it has none. */
+static const char *header(struct lws *wsi, const char *name, char *out, size_t size)
+{
+    const int length = (int)strlen(name);
+
+    out[0] = 0;
+    if (lws_hdr_custom_length(wsi, name, length) >= 0 && lws_hdr_custom_copy(wsi, out, (int)size, name, length) < 0)
+        snprintf(out, size, "too long");
+    return out;
+}
+
+bool http_is_foreign(struct lws *wsi, bool framed)
+{
+    char site[32], mode[32], dest[32], purpose[64];
+
+    if (!header(wsi, "sec-fetch-site:", site, sizeof(site))[0] || strcmp(site, "same-origin") == 0 ||
+        strcmp(site, "none") == 0)
+        return false; /* no browser, this page, or its user */
+    header(wsi, "sec-fetch-mode:", mode, sizeof(mode));
+    header(wsi, "sec-fetch-dest:", dest, sizeof(dest));
+    /* A link: it leads the user here. A page that is fetched before somebody wants it is none. */
+    const bool frame = strcmp(dest, "iframe") == 0 || strcmp(dest, "frame") == 0;
+    return strcmp(mode, "navigate") != 0 || !(strcmp(dest, "document") == 0 || (framed && frame)) ||
+           header(wsi, "sec-purpose:", purpose, sizeof(purpose))[0];
+}
+
+/* libwebsockets ends a path at ; and &, proxies do not: what is guarded there under one name would have others here. */
+static bool is_whole(struct lws *wsi, const char *path)
+{
+    const enum lws_token_indexes token =
+        lws_hdr_total_length(wsi, WSI_TOKEN_HEAD_URI) > 0 ? WSI_TOKEN_HEAD_URI : WSI_TOKEN_GET_URI;
+    char all[256], rest[256];
+
+    return lws_hdr_copy(wsi, all, sizeof(all), token) > 0 && strcmp(all, path) == 0 &&
+           lws_hdr_copy_fragment(wsi, rest, sizeof(rest), token, 1) < 0;
+}
+
+static bool may_be_framed(const struct server *s, const char *path)
+{
+    return strcmp(path, "/embed") == 0 && !strstr(s->embed_policy, "frame-ancestors 'none'");
+}
+
 #define POLICY                                                                                                         \
     "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src 'self'; "                     \
     "media-src 'self' blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors "
@@ -259,13 +301,15 @@ static int answer_request(struct server *s, struct lws *wsi, struct http_session
         return -1;
     if (!http_host_ok(s, wsi))
         return http_refuse(s, wsi, 403, "This server does not answer to that Host name; see --public-name.\n");
-    if (!http_origin_ok(wsi))
-        return http_refuse(s, wsi, 403, "Pages of other sites are not served.\n");
+    if (!http_origin_ok(wsi) || http_is_foreign(wsi, may_be_framed(s, path)))
+        return http_refuse(s, wsi, 403, "Pages of other sites get nothing; they may show /embed, with --embed-from.\n");
     if (!head && lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) == 0)
         return http_refuse(s, wsi, 405, "Only GET and HEAD are supported.\n");
     if (lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH) > 0 ||
         lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING) > 0)
         return http_refuse(s, wsi, 413, "A request must not have a body.\n");
+    if (!is_whole(wsi, path))
+        return http_refuse(s, wsi, 404, "There is nothing here: no path has a semicolon or an ampersand.\n");
     if (monitor_knows(path))
         return monitor_answer(s, wsi, h, path, head);
     if (watcher_knows(path))

@@ -298,22 +298,22 @@ static void drop_unused(const struct ingest *g, struct frame *f)
 }
 
 /* {lock} */
-static struct pushed *to_take(struct ingest *g)
+static struct pushed *to_take(struct ingest *g, bool live)
 {
     if (is_working(g))
         return NULL;
-    return g->lockstep.full ? &g->lockstep : g->live.full ? &g->live : NULL;
+    return g->lockstep.full ? &g->lockstep : live && g->live.full ? &g->live : NULL;
 }
 
 /* {lock} Waits for a frame and moves it into *out. */
-static bool wait_frame(struct server *s, struct pushed *out, int timeout_ms)
+static bool wait_frame(struct server *s, struct pushed *out, bool live, int timeout_ms)
 {
     struct ingest *g = &s->ingest;
     const int64_t until_ms = clock_ms() + timeout_ms;
-    struct pushed *from = to_take(g);
+    struct pushed *from = to_take(g, live);
 
     while (!from && clock_wait(&g->arrived, &s->lock, until_ms))
-        from = to_take(g);
+        from = to_take(g, live);
     if (!from)
         return false;
     *out = *from;
@@ -321,14 +321,14 @@ static bool wait_frame(struct server *s, struct pushed *out, int timeout_ms)
     return true;
 }
 
-bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *ticket, int timeout_ms)
+bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *ticket, bool live, int timeout_ms)
 {
     struct ingest *g = &s->ingest;
     struct pushed p;
 
     *ticket = (struct server_ticket){ 0 };
     pthread_mutex_lock(&s->lock);
-    if (!wait_frame(s, &p, timeout_ms)) {
+    if (!wait_frame(s, &p, live, timeout_ms)) {
         pthread_mutex_unlock(&s->lock);
         return false;
     }

@@ -22,14 +22,13 @@
 /* Queries about pixels (PROTOCOL.md 4.15 to 4.17): pending queries, unsent answers, and pixels followed from image to
  * image. Guarded by the server's lock. */
 
-#define INSPECTIONS_WAITING 8 /* bound memory: further questions are refused, the oldest answers dropped */
+#define INSPECTIONS_WAITING 32 /* bound memory: further questions are refused, the oldest answers dropped */
 #define INSPECTIONS_ANSWERS 8
 #define INSPECTIONS_RATE 4.0  /* answers per second, for all clients together: a token bucket */
 #define INSPECTIONS_BURST 8.0 /* its size */
 
 struct inspect_reply {
     uint64_t by, request;
-    bool sky_alone;
     char *text; /* the answer's fields; NULL: none, because of */
     char error[sizeof(struct reason)];
 };
@@ -41,11 +40,18 @@ struct inspect_followed {
 };
 
 struct inspections {
-    struct server_inspection waiting[INSPECTIONS_WAITING];
+    struct server_inspection waiting[INSPECTIONS_WAITING]; /* not about the sky alone */
+    struct client *askers[INSPECTIONS_WAITING];            /* of these */
     unsigned waiting_count;
+    uint64_t turns; /* questions taken: the next is of the client whose last turn is longest ago */
+    bool sky_waits; /* somebody asks for the sky alone; all share the answer */
+    bool sky_due;   /* that answer is to be sent: */
+    char *sky;      /* its fields; NULL: none, because of */
+    char sky_error[sizeof(struct reason)];
     struct inspect_reply answers[INSPECTIONS_ANSWERS]; /* to send; when full, the oldest is dropped */
     unsigned answer_count;
     struct inspect_followed followed[SERVER_FOLLOWED_MAX];
+    struct client *followers[SERVER_FOLLOWED_MAX]; /* of these */
     unsigned followed_count;
     struct bucket questions;
 };
@@ -157,16 +163,19 @@ struct websocket {
 
     uint64_t control_seen; /* version of the settings last sent to it */
     bool probing;          /* a question about a pixel is open */
-    bool asking_sky;       /* likewise about the sky alone */
+    bool asking_sky;       /* likewise about the sky alone, */
+    uint64_t sky_request;  /* by this request */
     bool answer_due;       /* its control message `answer` waits for a reply */
     uint64_t answer;
 
     char *outbox[STREAM_OUTBOX + 1]; /* the last place is for the error that ends the connection */
     unsigned outbox_count;
+    size_t outbox_bytes;
     bool status_due;
     int64_t moved_us; /* when the kernel last took bytes, or when the first began to wait */
     bool waiting;     /* a write callback was requested */
 
+    bool cut;            /* will be closed without a word */
     uint16_t close_code; /* 0: stays */
     char close_text[FAULT_REASON];
 
@@ -223,7 +232,7 @@ struct server {
     struct watcher *watchers;   /* of plain HTTP, the newest first */
     struct websocket *producer; /* NULL: none */
     struct limits limits;
-    uint64_t last_id;
+    uint64_t last_id, rounds; /* the latter of holdings.c */
     lws_sorted_usec_list_t tick;
     bool leaving; /* all clients were told */
 
@@ -273,6 +282,12 @@ void server_take_change(struct server *s);
 /* change.c, thread: the owner of the certificate. Logs its expiry, as a warning if it is soon. */
 void server_log_certificate(const struct server *s);
 
+/* holdings.c, thread: service. Cuts clients while what all of them have not read takes too much memory. */
+void holdings_limit(struct server *s);
+
+/* sent_image.c, thread: service. Whether it was not counted in this round yet; counts it. */
+bool image_count(struct sent_image *p, uint64_t round);
+
 /* server.c: {lock} makes the image the newest of its kind. The caller releases the one before, which it returns. */
 struct sent_image *server_place(struct server *s, struct sent_image *p, uint8_t flags);
 
@@ -321,6 +336,9 @@ const struct lws_protocol_vhost_options *http_headers(void);
  * reach a server on the user's own machine. Thread: service. */
 bool http_host_ok(const struct server *s, struct lws *wsi);
 bool http_origin_ok(struct lws *wsi);
+/* http.c: whether the browser says that a page of another site asks, other than by a link to here, and, for what is
+ * framed, by a frame: it would not get to see the answer, but take a place and time. Thread: service. */
+bool http_is_foreign(struct lws *wsi, bool framed);
 /* http.c: the policy of /embed for these origins, separated by commas; NULL: none. ERR_USAGE names what is no origin.
  * ERR_NOMEM. */
 MUST_CHECK enum err embed_policy(const char *origins, char **out, struct reason *why);

@@ -124,17 +124,46 @@ uint32_t client_connections(const struct client *c)
            c->connections[CONNECTION_LEAVING];
 }
 
+int client_crowds(const struct client *const holders[], unsigned count, const struct client *by)
+{
+    unsigned most = 1, mine = 0;
+    int out = -1;
+
+    for (unsigned i = 0; i < count; i++)
+        mine += holders[i] == by;
+    for (unsigned i = 0; i < count; i++) {
+        unsigned has = 0;
+        for (unsigned k = 0; k < count && holders[i]; k++)
+            has += holders[k] == holders[i];
+        if (has >= mine + 2 && has >= most) {
+            most = has;
+            out = (int)i;
+        }
+    }
+    return out;
+}
+
 bool client_may_guess(struct limits *l, struct client *c, int64_t now_us)
 {
-    return bucket_fill(&c->guesses, CLIENT_GUESSES, CLIENT_GUESSES_A_S, now_us) >= 1.0 &&
-           (!c->named || c->known || bucket_fill(&l->named_guesses, NAMED_GUESSES, NAMED_GUESSES_A_S, now_us) >= 1.0);
+    const enum guess_group group = c->named ? GROUP_NAMED : GROUP_LOCAL;
+
+    if (bucket_fill(&c->guesses, CLIENT_GUESSES, CLIENT_GUESSES_A_S, now_us) < 1.0)
+        return false;
+    if (c->known || !(c->named || c->loopback) ||
+        bucket_fill(&l->guesses[group].all, GROUP_GUESSES, GROUP_GUESSES_A_S, now_us) >= 1.0)
+        return true;
+    return !c->guessed && bucket_fill(&l->guesses[group].first, FIRST_GUESSES, FIRST_GUESSES_A_S, now_us) >= 1.0;
 }
 
 void client_guessed_wrong(struct limits *l, struct client *c, int64_t now_us)
 {
+    const enum guess_group group = c->named ? GROUP_NAMED : GROUP_LOCAL;
+
     bucket_take(&c->guesses, CLIENT_GUESSES, CLIENT_GUESSES_A_S, now_us);
-    if (c->named)
-        bucket_take(&l->named_guesses, NAMED_GUESSES, NAMED_GUESSES_A_S, now_us);
+    if (!c->known && (c->named || c->loopback) &&
+        !bucket_take(&l->guesses[group].all, GROUP_GUESSES, GROUP_GUESSES_A_S, now_us))
+        bucket_take(&l->guesses[group].first, FIRST_GUESSES, FIRST_GUESSES_A_S, now_us);
+    c->guessed = true;
 }
 
 /* ---- Reports ---- */
@@ -147,6 +176,9 @@ static const struct {
     [LIMIT_ADDRESS] = { "address", "refused connections of an address that has its share (--max-per-address)" },
     [LIMIT_NAMES] = { "names", "refused or took back names of lockstep sequences, since all are in use" },
     [LIMIT_GUESSES] = { "guesses", "ignored tokens after too many wrong ones" },
+    [LIMIT_MEMORY] = { "memory", "cut slow clients, since what all of them had not read took too much memory" },
+    [LIMIT_WIDTHS] = { "widths", "refused or ended requests for a width of their own, since all are taken" },
+    [LIMIT_PIXELS] = { "pixels", "refused or dropped questions about pixels, since too many wait or are followed" },
 };
 
 const char *limit_name(enum limit limit)

@@ -22,8 +22,10 @@ struct websocket;
 #define ARRIVING_MOST 128        /* places before hello: enough for 20 pages that load at once */
 #define CLIENT_GUESSES 10.0      /* wrong tokens that a client may send: a token bucket, */
 #define CLIENT_GUESSES_A_S 0.1   /* refilled at this rate per second */
-#define NAMED_GUESSES 60.0       /* likewise for all clients together that a proxy names, */
-#define NAMED_GUESSES_A_S 1.0    /* but for those from which a right token came */
+#define GROUP_GUESSES 60.0       /* likewise for all clients of a group together, */
+#define GROUP_GUESSES_A_S 1.0    /* but for those from which a right token came */
+#define FIRST_GUESSES 20.0       /* and when these are used up, for those of it that never sent a wrong one, so that */
+#define FIRST_GUESSES_A_S 0.5    /* a few clients cannot lock out all others */
 #define CLIENTS_REMEMBERED 1024u /* clients without a connection that are remembered */
 #define FLOOD_BURST (256 << 10)  /* bytes beside messages at once: a token bucket, */
 #define FLOOD_RATE (64 << 10)    /* refilled at this rate per second */
@@ -56,8 +58,10 @@ struct client {
     bool loopback;       /* a local address */
     bool named;          /* a proxy named it, and may have invented it */
     bool known;          /* a right token came from it */
+    bool guessed;        /* a wrong one did */
     uint32_t connections[CONNECTION_STATES];
     struct bucket guesses;
+    uint64_t answered; /* {lock of the server} the turn in which a question of its about a pixel was taken last */
 };
 
 struct connection {
@@ -75,6 +79,9 @@ enum limit {
     LIMIT_ADDRESS,  /* --max-per-address */
     LIMIT_NAMES,    /* names of lockstep sequences */
     LIMIT_GUESSES,  /* wrong tokens */
+    LIMIT_MEMORY,   /* images and texts that clients hold (holdings.c); a connection was cut */
+    LIMIT_WIDTHS,   /* renditions for plain HTTP (watcher.c) */
+    LIMIT_PIXELS,   /* questions about pixels that wait, or followed pixels */
     LIMITS,
 };
 
@@ -85,10 +92,16 @@ struct limit_count {
     char address[CLIENT_NAME];    /* of the last one; "": unknown */
 };
 
+/* Clients of which one person may have any number: those that a proxy names, which it may have invented, and those of
+ * this machine, 127.0.0.0/8. */
+enum guess_group { GROUP_NAMED, GROUP_LOCAL, GUESS_GROUPS };
+
 struct limits {
     struct client *clients; /* [count] */
     uint32_t count;
-    struct bucket named_guesses;
+    struct {
+        struct bucket all, first;
+    } guesses[GUESS_GROUPS];
     struct connection *first, *last;         /* by the time of their last change of state, the oldest first */
     uint32_t connections[CONNECTION_STATES]; /* their numbers */
     uint32_t most_arriving, most_admitted, per_address;
@@ -115,6 +128,10 @@ struct client *client_forwarded(struct limits *l, const char *header, int64_t no
 char *client_name(const struct client *c, char out[CLIENT_NAME]);
 /* In any state. */
 uint32_t client_connections(const struct client *c);
+
+/* Of a resource with a fixed number of places, all taken, by holders[count] (NULL: by several): the last place of the
+ * client that has most, if that has at least two more than `by`; -1: nobody gives way. */
+int client_crowds(const struct client *const holders[], unsigned count, const struct client *by);
 
 /* Whether a token from this client may be checked; and notes a wrong one. */
 bool client_may_guess(struct limits *l, struct client *c, int64_t now_us);

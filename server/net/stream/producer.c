@@ -7,9 +7,10 @@
 #include <string.h>
 
 /* Whether a new producer may replace this one: it makes the same sequence (a reconnect), or this one is silent. */
-static bool may_replace(const struct websocket *old, const struct sequence *wanted, int64_t now_us)
+static bool may_replace(const struct websocket *old, const char *wanted, int64_t now_us)
 {
-    return (wanted && old->sequence == wanted) || now_us - old->heard_us > STREAM_SILENT_US;
+    return (wanted && old->sequence && strcmp(old->sequence->name, wanted) == 0) ||
+           now_us - old->heard_us > STREAM_SILENT_US;
 }
 
 static void replace(struct websocket *old)
@@ -27,16 +28,17 @@ void producer_hello(struct websocket *ws, const struct message *m, struct welcom
     const int64_t now = stream_now_us();
     struct sequence *q = NULL;
 
+    /* A refused hello takes no name: another sequence would have to be forgotten for it. */
+    if (s->producer && !may_replace(s->producer, m->hello.lockstep ? m->hello.sequence : NULL, now)) {
+        fault_say(fault, FAULT_BUSY, "4.1.7", "another producer is connected");
+        return;
+    }
     if (m->hello.lockstep) {
         q = ingest_sequence(s, m->hello.sequence, ws->connection->client, now);
         if (!q) {
             fault_say(fault, FAULT_BUSY, "4.1.5", "all %d sequences are in use", INGEST_SEQUENCES);
             return;
         }
-    }
-    if (s->producer && !may_replace(s->producer, q, now)) {
-        fault_say(fault, FAULT_BUSY, "4.1.7", "another producer is connected");
-        return;
     }
     if (s->producer)
         replace(s->producer);

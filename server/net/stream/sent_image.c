@@ -16,6 +16,7 @@ struct sent_image {
     unsigned rendition; /* slot + 1; 0: an image for viewers */
     uint64_t serial;    /* of that slot's use */
     uint64_t made;      /* server.begun when it was published */
+    uint64_t counted;   /* the last round of holdings.c that counted it */
     size_t size;        /* of message */
     uint8_t message[];
 };
@@ -31,7 +32,7 @@ struct sent_image *image_create(const struct protocol_picture *header, const uin
     p->header = *header;
     p->header.payload = (uint32_t)size;
     p->track = p->rendition = 0;
-    p->serial = p->made = 0;
+    p->serial = p->made = p->counted = 0;
     p->size = PROTOCOL_PICTURE_BYTES + size;
     protocol_picture_encode(&p->header, p->message);
     memcpy(p->message + PROTOCOL_PICTURE_BYTES, bytes, size);
@@ -100,6 +101,14 @@ void image_stamp(struct sent_image *p, uint64_t sequence, uint64_t made, int64_t
 uint64_t image_made(const struct sent_image *p)
 {
     return p->made;
+}
+
+bool image_count(struct sent_image *p, uint64_t round)
+{
+    const bool first = p->counted != round;
+
+    p->counted = round;
+    return first;
 }
 
 int64_t image_placed_us(const struct sent_image *p)

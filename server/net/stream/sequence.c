@@ -15,12 +15,23 @@ static bool may_forget(const struct sequence *q, int64_t now_us)
     return q->stage == SEQUENCE_IDLE || now_us - q->touched_us > ABANDONED_US;
 }
 
-/* {lock} Whether to forget a before b: first those without a kept image, then the oldest. */
-static bool rather(const struct sequence *a, const struct sequence *b)
+static unsigned names_of(const struct ingest *g, const uint8_t address[16])
+{
+    unsigned count = 0;
+
+    for (int i = 0; i < INGEST_SEQUENCES; i++)
+        count += g->sequences[i].name[0] && memcmp(g->sequences[i].owner, address, 16) == 0;
+    return count;
+}
+
+/* {lock} Whether to forget a before b: first those without a kept image, then those of the address that has most, then
+ * the oldest. */
+static bool rather(const struct ingest *g, const struct sequence *a, const struct sequence *b)
 {
     if (!b || (a->stage == SEQUENCE_IDLE) != (b->stage == SEQUENCE_IDLE))
         return !b || a->stage == SEQUENCE_IDLE;
-    return a->touched_us < b->touched_us;
+    const unsigned of_a = names_of(g, a->owner), of_b = names_of(g, b->owner);
+    return of_a != of_b ? of_a > of_b : a->touched_us < b->touched_us;
 }
 
 /* {lock} The one of that name, or a free one, or the one to forget; NULL: none. */
@@ -36,19 +47,10 @@ static struct sequence *choose(struct ingest *g, const char *name, int64_t now_u
             return &g->sequences[i];
     for (int i = 0; i < INGEST_SEQUENCES; i++) {
         struct sequence *q = &g->sequences[i];
-        if (may_forget(q, now_us) && rather(q, oldest))
+        if (may_forget(q, now_us) && rather(g, q, oldest))
             oldest = q;
     }
     return oldest;
-}
-
-static unsigned names_of(const struct ingest *g, const uint8_t address[16])
-{
-    unsigned count = 0;
-
-    for (int i = 0; i < INGEST_SEQUENCES; i++)
-        count += g->sequences[i].name[0] && memcmp(g->sequences[i].owner, address, 16) == 0;
-    return count;
 }
 
 /* Takes the name of a recorder that waits for a first frame, whose address has most names and at least two more than

@@ -98,7 +98,7 @@ enum server_image {
 };
 struct server_rendition {
     enum server_image image; /* SERVER_NO_IMAGE: the slot is free */
-    bool still;              /* only single images are requested, no stream */
+    uint32_t owner;          /* a client that asks for it, as a number; 0: none */
     uint32_t width;          /* maximum; 0: the image's width */
     uint64_t serial;         /* increases with each new use of a slot: for image_set_rendition */
 };
@@ -120,9 +120,10 @@ struct server_ticket {
 
 /* Waits for a frame from a producer: the newest complete one, or that of a lockstep sequence. Moves its memory into *f
  * and may take over f's old memory: FRAME_FILE holds the bytes of an untrusted file, FRAME_TEXELS raw float RGB. Sets
- * number, capture_us, layout and name ("frame 17 of producer 127.0.0.1"). No second lockstep frame is returned while
- * the fate of one is open. False after timeout_ms without a frame. One thread at a time. */
-bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *ticket, int timeout_ms);
+ * number, capture_us, layout and name ("frame 17 of producer 127.0.0.1"). live false: lockstep frames only. No second
+ * lockstep frame is returned while the fate of one is open. False after timeout_ms without a frame. One thread at a
+ * time. */
+bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *ticket, bool live, int timeout_ms);
 
 /* Reports the fate of a taken frame to its producer, if still connected, and returns credit. Lockstep frames are never
  * superseded. A second call for the same frame does nothing. why may be NULL. */

@@ -90,14 +90,51 @@ static void leave_slot(struct server *s, unsigned slot)
     s->latest[STREAM_RENDITIONS + slot] = NULL;
 }
 
+/* The client that alone uses the slot; NULL: several do. */
+static const struct client *holder(const struct server *s, unsigned slot)
+{
+    const struct client *c = NULL;
+
+    for (const struct watcher *w = s->watchers; w; w = w->next) {
+        if (w->kind != STREAM_RENDITIONS + slot)
+            continue;
+        if (c && w->connection->client != c)
+            return NULL;
+        c = w->connection->client;
+    }
+    return c;
+}
+
+/* {lock} Where all slots are taken, the client that alone has most of them loses one, with all who watch it. */
+static void make_room(struct server *s, const struct client *by)
+{
+    const struct client *holders[SERVER_RENDITIONS];
+
+    for (unsigned k = 0; k < SERVER_RENDITIONS; k++)
+        holders[k] = holder(s, k);
+    const int slot = client_crowds(holders, SERVER_RENDITIONS, by);
+    limit_reached(&s->limits, LIMIT_WIDTHS, slot < 0 ? by : holders[slot]);
+    for (struct watcher *w = s->watchers; w && slot >= 0; w = w->next) {
+        if (w->kind != STREAM_RENDITIONS + (unsigned)slot)
+            continue;
+        leave_slot(s, (unsigned)slot);
+        w->kind = 0; /* no kind of image */
+        watcher_close(w);
+    }
+}
+
 /* {lock} The kind of image; 0: no slot is free. width 0: the image's. */
-static unsigned choose_kind(struct server *s, enum server_image image, uint32_t width)
+static unsigned choose_kind(struct server *s, const struct client *by, enum server_image image, uint32_t width)
 {
     if (width >= s->figures.width && s->figures.width > 0)
         width = 0;
     if (width == 0 && image != SERVER_PNG)
         return image == SERVER_JPEG ? PROTOCOL_JPEG : PROTOCOL_EXR_HALF;
-    const int slot = take_slot(s, image, width);
+    int slot = take_slot(s, image, width);
+    if (slot < 0) {
+        make_room(s, by);
+        slot = take_slot(s, image, width);
+    }
     return slot < 0 ? 0 : STREAM_RENDITIONS + (unsigned)slot;
 }
 
@@ -105,13 +142,16 @@ void watchers_demand(const struct server *s, struct server_demand *d)
 {
     memcpy(d->renditions, s->demand.renditions, sizeof(d->renditions));
     for (int k = 0; k < SERVER_RENDITIONS; k++)
-        d->renditions[k].still = true;
+        d->renditions[k].owner = 0;
     for (const struct watcher *w = s->watchers; w; w = w->next) {
+        if (w->kind == 0) /* it has lost its slot, and closes */
+            continue;
         d->viewers++;
         if (w->kind < STREAM_RENDITIONS)
             d->formats |= 1u << w->kind;
-        else if (w->resource->stream)
-            d->renditions[w->kind - STREAM_RENDITIONS].still = false;
+        else
+            d->renditions[w->kind - STREAM_RENDITIONS].owner =
+                1 + (uint32_t)(w->connection->client - s->limits.clients);
     }
 }
 
@@ -125,25 +165,11 @@ static int refuse(struct server *s, struct lws *wsi, unsigned status, const char
     return http_refuse(s, wsi, status, line);
 }
 
-/* Whether the browser says that a page of another site asks, other than by a link to here: it would not get to see the
- * image, but take a place. */
-static bool is_foreign(struct lws *wsi)
-{
-    char site[32] = "", mode[32] = "";
-
-    if (lws_hdr_custom_copy(wsi, site, sizeof(site), "sec-fetch-site:", 15) <= 0)
-        return false;
-    lws_hdr_custom_copy(wsi, mode, sizeof(mode), "sec-fetch-mode:", 15);
-    return strcmp(site, "same-origin") != 0 && strcmp(site, "none") != 0 && strcmp(mode, "navigate") != 0;
-}
-
 /* 0: admitted; else refused, and the result is that of the callback. */
 static int admit(struct server *s, struct lws *wsi)
 {
     if (atomic_load(&s->stopping))
         return refuse(s, wsi, 503, "The server is shutting down.");
-    if (is_foreign(wsi))
-        return refuse(s, wsi, 403, "Pages of other sites may not show this; they may show /embed, with --embed-from.");
     if (!connection_forwarded(s, wsi))
         return refuse(s, wsi, 400, "The proxy names no address in X-Forwarded-For.");
     switch (token_check_header(s, wsi, s->tokens[SERVER_VIEWER])) {
@@ -241,7 +267,7 @@ static int watch(struct server *s, struct lws *wsi, const struct resource *r, ui
     if (!w)
         return refuse(s, wsi, 503, "Out of memory.");
     pthread_mutex_lock(&s->lock);
-    w->kind = choose_kind(s, r->image, width);
+    w->kind = choose_kind(s, c->client, r->image, width);
     w->fresh = s->begun;
     pthread_mutex_unlock(&s->lock);
     if (w->kind == 0 || !connection_admit(s, c)) {

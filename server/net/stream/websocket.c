@@ -28,7 +28,7 @@ static int filter(struct server *s, struct lws *wsi)
         return -1;
     if (atomic_load(&s->stopping))
         return http_refuse(s, wsi, 503, "The server is shutting down.\n");
-    if (!http_host_ok(s, wsi) || !http_origin_ok(wsi))
+    if (!http_host_ok(s, wsi) || !http_origin_ok(wsi) || http_is_foreign(wsi, false))
         return http_refuse(s, wsi, 403, "Pages of other sites are not served.\n");
     if (lws_hdr_copy(wsi, path, sizeof(path), WSI_TOKEN_GET_URI) <= 0 || strcmp(path, PROTOCOL_PATH) != 0)
         return http_refuse(s, wsi, 404, "WebSockets are at " PROTOCOL_PATH "\n");
@@ -140,6 +140,7 @@ void websockets_wake(struct server *s)
             websocket_request_write(ws);
     }
     watchers_wake(s);
+    holdings_limit(s);
 }
 
 void websockets_tick(struct server *s)
@@ -147,6 +148,7 @@ void websockets_tick(struct server *s)
     const int64_t now = stream_now_us();
     struct fault fault;
 
+    holdings_limit(s); /* texts come without images, too */
     for (struct websocket *ws = s->websockets; ws; ws = ws->next) {
         flood_check(ws);
         if (ws->waiting && now - ws->moved_us > STREAM_STALL_US) {

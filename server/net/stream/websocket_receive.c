@@ -24,7 +24,7 @@ static void welcome(struct websocket *ws, const struct message *m, struct fault 
         .controls = s->controls,
     };
 
-    if (!websocket_has_room(ws))
+    if (!websocket_has_room(ws) || ws->connection->state != CONNECTION_ARRIVING) /* the latter: it has lost its place */
         return;
     if (m->hello.role == SERVER_PRODUCER)
         producer_hello(ws, m, &w, fault);

@@ -28,8 +28,10 @@ void websocket_close(struct websocket *ws, uint16_t code, const char *text)
 static void queue(struct websocket *ws, char *text)
 {
     assert(ws->outbox_count <= STREAM_OUTBOX);
-    if (text)
+    if (text) {
         ws->outbox[ws->outbox_count++] = text;
+        ws->outbox_bytes += strlen(text);
+    }
     websocket_request_write(ws);
 }
 
@@ -203,6 +205,7 @@ static int send_outbox(struct websocket *ws)
     char *text = ws->outbox[0];
 
     drop_first(ws->outbox, &ws->outbox_count, sizeof(ws->outbox[0]));
+    ws->outbox_bytes -= strlen(text);
     return send_made(ws, text);
 }
 

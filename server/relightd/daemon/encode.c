@@ -11,6 +11,7 @@
 #include <omp.h>
 #include <string.h>
 
+#define SOON_S 1.0 /* a newer image is awaited for this long before the current one is made again for a rendition */
 #define POLL_MS 50 /* how soon a new viewer is noticed while no image comes */
 
 void encode_publish(struct encode_thread *t, struct shaded *in, unsigned track, const uint8_t *bytes, size_t size)
@@ -169,6 +170,7 @@ static double make_display(struct encode_thread *t, const struct shaded *in)
     encode_display(t, in, in->rgb, in->header.width, in->header.height, t->display[0]);
     t->current = in->header;
     t->current.format = PROTOCOL_JPEG;
+    t->current_s = start;
     t->display_valid = 1;
     t->sent_jpeg = 0;
     t->sent_exr = 0;
@@ -266,7 +268,8 @@ static void encode_current_again(struct encode_thread *t)
             t->sent_jpeg |= 1u << scale;
         }
     }
-    if (!renditions_encode(t, &in, &demand, quality) || gone)
+    const bool lacks = !renditions_encode(t, &in, &demand, quality);
+    if (gone || (lacks && clock_seconds() - t->current_s >= SOON_S))
         atomic_store(&t->shared->repeat_requested, true);
 }
 

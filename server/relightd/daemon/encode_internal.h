@@ -33,12 +33,17 @@ struct encode_thread {
     uint8_t *display[SERVER_SCALES];
     unsigned display_valid;          /* bits 1 << scale */
     struct protocol_picture current; /* header of the full size; format 0: no image yet */
+    double current_s;                /* when it came (clock_seconds) */
     unsigned sent_jpeg;              /* bits 1 << scale: published as JPEG */
     unsigned sent_exr;               /* bits 1 << enum protocol_format: published as EXR */
     float *small;                    /* scratch, float[height / 2][width / 2][3] */
 
     uint64_t rendered[SERVER_RENDITIONS]; /* serials of the current image's published renditions */
-    double refiner_due_s;                 /* no single images before this time (clock_seconds) */
+    double renditions_due_s;              /* none before this time (clock_seconds) */
+    struct {
+        uint32_t owner;
+        double at_s;
+    } served[SERVER_RENDITIONS]; /* whose rendition was made last in this slot, and when */
 
     pthread_t thread;
     bool running;

@@ -7,7 +7,7 @@
 #include "image/codec/jpeg.h"
 #include "image/film/scale.h"
 
-#define REFINE_SHARE 0.25 /* of this thread's time, at most, for single images: viewers need the rest */
+#define RENDITIONS_SHARE 0.25 /* of this thread's time, at most, for all renditions: viewers need the rest */
 
 /* The image at the rendition's size. */
 struct sized {
@@ -88,24 +88,54 @@ static void publish(struct encode_thread *t, const struct shaded *in, unsigned s
     }
     mem_free(owned);
     mem_free(s.scratch);
-    if (r->still)
-        t->refiner_due_s = clock_seconds() + (1.0 / REFINE_SHARE - 1.0) * (clock_seconds() - start);
+    t->served[slot].owner = r->owner;
+    t->served[slot].at_s = clock_seconds();
+    t->renditions_due_s = t->served[slot].at_s + (1.0 / RENDITIONS_SHARE - 1.0) * (t->served[slot].at_s - start);
+}
+
+/* When a rendition of that client was made last. */
+static double served_s(const struct encode_thread *t, uint32_t owner)
+{
+    double last = 0.0;
+
+    for (unsigned k = 0; k < SERVER_RENDITIONS; k++)
+        last = t->served[k].owner == owner ? fmax(last, t->served[k].at_s) : last;
+    return last;
+}
+
+static bool is_missing(const struct encode_thread *t, unsigned k, const struct server_rendition *r)
+{
+    return r->image != SERVER_NO_IMAGE && t->rendered[k] != r->serial;
+}
+
+/* Of the missing renditions that can be made, the one whose client, and then which itself, had its turn longest ago;
+ * -1: none. */
+static int choose(const struct encode_thread *t, const struct shaded *in, const struct server_rendition *all)
+{
+    int best = -1;
+
+    for (unsigned k = 0; k < SERVER_RENDITIONS; k++) {
+        const bool linear = all[k].image == SERVER_EXR || is_smaller(&all[k], in);
+        if (!is_missing(t, k, &all[k]) || (linear && !in->rgb) || !(t->display_valid & 1))
+            continue;
+        const double turn = served_s(t, all[k].owner), other = best < 0 ? INFINITY : served_s(t, all[best].owner);
+        if (turn < other || (turn == other && t->served[k].at_s < t->served[best].at_s))
+            best = (int)k;
+    }
+    return best;
 }
 
 bool renditions_encode(struct encode_thread *t, const struct shaded *in, const struct server_demand *demand,
                        int quality)
 {
-    bool all = true;
+    const struct server_rendition *all = demand->renditions;
+    bool left = false;
 
-    for (unsigned k = 0; k < SERVER_RENDITIONS; k++) {
-        const struct server_rendition *r = &demand->renditions[k];
-        if (r->image == SERVER_NO_IMAGE || t->rendered[k] == r->serial ||
-            (r->still && clock_seconds() < t->refiner_due_s))
-            continue;
-        if (!in->rgb && (r->image == SERVER_EXR || is_smaller(r, in)))
-            all = false;
-        else if (t->display_valid & 1)
-            publish(t, in, k, r, quality);
-    }
-    return all;
+    if (clock_seconds() < t->renditions_due_s)
+        return true;
+    for (int k; clock_seconds() >= t->renditions_due_s && (k = choose(t, in, all)) >= 0;)
+        publish(t, in, (unsigned)k, &all[k], quality);
+    for (unsigned k = 0; k < SERVER_RENDITIONS; k++)
+        left = left || (is_missing(t, k, &all[k]) && (all[k].image == SERVER_EXR || is_smaller(&all[k], in)));
+    return in->rgb || !left;
 }

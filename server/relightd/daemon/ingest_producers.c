@@ -46,6 +46,8 @@ static enum server_source take(struct ingest_thread *t, const struct frame *f, c
         status_frame_unreadable(&shared->status, why->text, true);
         return SERVER_FAILED;
     }
+    if (reported == SERVER_PAUSED)
+        return SERVER_PAUSED;
     if (reported != SERVER_LIVE)
         status_set_source(&shared->status, SERVER_LIVE, "");
     return SERVER_LIVE;
@@ -66,11 +68,8 @@ void ingest_from_producers(struct ingest_thread *t, struct reason *why)
         if (!lockstep || handoff_wait_taken(&shared->frames.handoff, 0)) /* new settings replace no lockstep frame */
             ingest_relight(t, &f, now.light_version, &version, why);
         reported = report_pause(t, now.paused, any, reported);
-        if (now.paused) {
-            ingest_sleep_ms(PAUSE_MS);
-            continue;
-        }
-        if (!server_take_frame(shared->server, &f, &ticket, TAKE_MS)) {
+        /* A pause holds live frames only: lockstep sequences do not know of settings. */
+        if (!server_take_frame(shared->server, &f, &ticket, !now.paused, now.paused ? PAUSE_MS : TAKE_MS)) {
             reported = report_idle(t, reported);
             continue;
         }

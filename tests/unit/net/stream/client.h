@@ -46,13 +46,18 @@ static inline struct server *server_start(const struct server_desc *given)
     return s;
 }
 
+/* The address of those opened from now on, which stands for another machine: 127.0.0.0/8 is all ours. */
+static const char *client_address = "127.0.0.1";
+
 static inline void client_open_port(struct test_client *c, uint16_t port)
 {
-    struct sockaddr_in to = { .sin_family = AF_INET, .sin_port = htons(port) };
+    struct sockaddr_in to = { .sin_family = AF_INET, .sin_port = htons(port) }, from = { .sin_family = AF_INET };
 
     *c = (struct test_client){ .fd = socket(AF_INET, SOCK_STREAM, 0), .close_code = 0 };
     to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     assert_true(c->fd >= 0);
+    assert_int_equal(inet_pton(AF_INET, client_address, &from.sin_addr), 1);
+    assert_int_equal(bind(c->fd, (struct sockaddr *)&from, sizeof(from)), 0);
     assert_int_equal(connect(c->fd, (struct sockaddr *)&to, sizeof(to)), 0);
     c->in = malloc(CLIENT_MESSAGE_MAX);
     c->message = malloc(CLIENT_MESSAGE_MAX + 1);

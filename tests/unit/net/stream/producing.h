@@ -146,7 +146,7 @@ static inline bool nothing_comes(struct test_client *c, const char *op, int wait
 
 static inline void take(struct server *s, struct frame *f, struct server_ticket *t, uint64_t number)
 {
-    assert_true(server_take_frame(s, f, t, CLIENT_WAIT_MS));
+    assert_true(server_take_frame(s, f, t, true, CLIENT_WAIT_MS));
     assert_int_equal(f->number, number);
 }
 

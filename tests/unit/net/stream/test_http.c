@@ -144,6 +144,88 @@ static void paths_outside_the_page_find_nothing(void **state)
     server_destroy(s);
 }
 
+/* What a proxy guards under one name has no other here; what proxies tidy themselves is tidied. */
+static void a_path_has_one_name(void **state)
+{
+    (void)state;
+    static const char *const paths[] = { "/metrics;x",   "/metrics;",   "/metrics&x",  "/metrics&",
+                                         "/metrics%3bx", "/metrics%3B", "/metrics;?x", "/metrics%26x",
+                                         "/metrics%3fx", "/healthz;a",  "/metrics/",   "/metrics%20",
+                                         "/metrics%00",  "/METRICS",    "/;/metrics",  "/snapshot.jpg;width=64",
+                                         "/app.js;x" };
+    struct server *s = server_start(NULL);
+    struct answer a;
+    char request[256];
+
+    for (size_t i = 0; i < sizeof(paths) / sizeof(paths[0]); i++) {
+        snprintf(request, sizeof(request), "GET %s HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n", paths[i]);
+        ask(s, request, &a);
+        if (a.status == 200 || a.status == 503)
+            fail_msg("%s is answered with %d", paths[i], a.status);
+    }
+    ask(s, "GET /metrics?x=1;y HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n", &a);
+    assert_int_equal(a.status, 200);
+    ask(s, "GET /%6detrics HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n", &a);
+    assert_int_equal(a.status, 200);
+    server_destroy(s);
+}
+
+#define FETCH(site, mode, dest) "Sec-Fetch-Site: " site "\r\nSec-Fetch-Mode: " mode "\r\nSec-Fetch-Dest: " dest "\r\n"
+
+static int status_of(const struct server *s, const char *path, const char *lines)
+{
+    struct answer a;
+    char request[512];
+
+    snprintf(request, sizeof(request), "GET %s HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n%s\r\n", path,
+             lines);
+    ask(s, request, &a);
+    return a.status;
+}
+
+/* Pages of other sites get nothing, neither as images nor as frames; a link leads here. */
+static void pages_of_other_sites_get_nothing_but_their_links_work(void **state)
+{
+    static const char *const paths[] = { "/snapshot.jpg", "/", "/healthz", "/app.js", "/embed", "/metrics" };
+    static const char *const foreign[] = {
+        FETCH("cross-site", "no-cors", "image"),
+        FETCH("cross-site", "navigate", "iframe"),
+        FETCH("cross-site", "navigate", "embed"),
+        FETCH("cross-site", "navigate", "object"),
+        FETCH("cross-site", "navigate", "frame"),
+        FETCH("same-site", "navigate", "iframe"),
+        FETCH("cross-site", "no-cors", "script"),
+        FETCH("cross-site", "no-cors", "empty"),
+        FETCH("cross-site", "cors", "document"),
+        "Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: navigate\r\n",
+        FETCH("cross-site", "navigate", "document") "Sec-Purpose: prefetch;prerender\r\n",
+    };
+    static const char *const good[] = {
+        FETCH("cross-site", "navigate", "document"),
+        FETCH("same-origin", "no-cors", "image"),
+        FETCH("same-origin", "navigate", "iframe"),
+        FETCH("none", "navigate", "document"),
+    };
+    const struct server_desc desc = { .embed_from = "https://a.example" };
+    struct server *s = server_start(NULL), *embedded = server_start(&desc);
+    (void)state;
+
+    publish(s, 1, 1000);
+    for (size_t i = 0; i < sizeof(paths) / sizeof(paths[0]); i++) {
+        for (size_t k = 0; k < sizeof(foreign) / sizeof(foreign[0]); k++)
+            if (status_of(s, paths[i], foreign[k]) != 403)
+                fail_msg("%s is answered to %s", paths[i], foreign[k]);
+        for (size_t k = 0; k < sizeof(good) / sizeof(good[0]); k++)
+            if (status_of(s, paths[i], good[k]) != 200)
+                fail_msg("%s is refused to %s", paths[i], good[k]);
+    }
+    assert_int_equal(status_of(embedded, "/embed", FETCH("cross-site", "navigate", "iframe")), 200);
+    assert_int_equal(status_of(embedded, "/embed", FETCH("cross-site", "navigate", "object")), 403);
+    assert_int_equal(status_of(embedded, "/", FETCH("cross-site", "navigate", "iframe")), 403);
+    server_destroy(s);
+    server_destroy(embedded);
+}
+
 static void other_methods_and_bodies_are_refused(void **state)
 {
     (void)state;
@@ -377,6 +459,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(head_sends_no_body_and_etag_saves_one),
     cmocka_unit_test(health_names_the_protocol),
     cmocka_unit_test(paths_outside_the_page_find_nothing),
+    cmocka_unit_test(a_path_has_one_name),
+    cmocka_unit_test(pages_of_other_sites_get_nothing_but_their_links_work),
     cmocka_unit_test(other_methods_and_bodies_are_refused),
     cmocka_unit_test(foreign_host_names_are_refused),
     cmocka_unit_test(oversized_headers_cost_only_their_connection),

@@ -76,9 +76,11 @@ static void the_sky_alone_is_asked_for_beside_a_pixel(void **state)
     client_greet(&c, s);
     client_say(&c, "{\"op\":\"probe\",\"request\":1,\"x\":3,\"y\":4,\"sky\":true}");
     client_say(&c, "{\"op\":\"probe\",\"request\":2,\"sky\":true}");
-    const struct server_inspection pixel = asked(s), sky = asked(s);
+    client_say(&c, "{\"op\":\"ping\",\"id\":1}");
+    client_expect(&c, "pong");
+    const struct server_inspection sky = asked(s), pixel = asked(s);
     assert_true(pixel.request == 1 && !pixel.sky_alone && pixel.sky);
-    assert_true(sky.request == 2 && sky.sky_alone);
+    assert_true(sky.sky_alone);
     client_say(&c, "{\"op\":\"probe\",\"request\":3,\"sky\":true}");
     expect_error(&c, "busy", "4.15.6", 3);
     server_answer_inspection(s, &sky, "{\"frame\":8}", NULL);
@@ -91,9 +93,11 @@ static void the_sky_alone_is_asked_for_beside_a_pixel(void **state)
     for (int i = 0; i < 20; i++) {         /* more than pixels may be asked about */
         client_say(&c, "{\"op\":\"probe\",\"request\":5,\"sky\":true}");
         const struct server_inspection again = asked(s);
-        assert_true(again.sky_alone && again.request == 5);
+        assert_true(again.sky_alone);
         server_answer_inspection(s, &again, "{\"frame\":9}", NULL);
-        json_decref(client_await(&c, "probed"));
+        m = client_await(&c, "probed");
+        assert_int_equal(json_integer_value(json_object_get(m, "request")), 5);
+        json_decref(m);
     }
     client_shut(&c);
     server_destroy(s);
@@ -213,7 +217,7 @@ static void a_second_question_waits_for_the_first(void **state)
 }
 
 /* Eight at once, and after that as many as time allows: of twenty from as many connections, each taken as soon as it
- * comes, the others are turned away. */
+ * comes, the others wait. */
 static void the_server_answers_only_so_many(void **state)
 {
     (void)state;
@@ -221,7 +225,7 @@ static void the_server_answers_only_so_many(void **state)
     struct server *s = server_with_image();
     struct test_client c[CLIENTS];
     struct server_inspection q;
-    int taken = 0, busy = 0;
+    int taken = 0, busy = 0, first;
     struct timespec begun, now;
 
     for (int i = 0; i < CLIENTS; i++)
@@ -247,7 +251,12 @@ static void the_server_answers_only_so_many(void **state)
     clock_gettime(CLOCK_MONOTONIC, &now);
     const double s_since = (double)(now.tv_sec - begun.tv_sec) + 1e-9 * (double)(now.tv_nsec - begun.tv_nsec);
     assert_true(taken >= 8 && taken <= 9 + 4.0 * s_since);
-    assert_int_equal(busy, CLIENTS - taken);
+    assert_int_equal(busy, 0);
+    for (first = taken; taken < CLIENTS; taken++)
+        asked(s);
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    const double all_s = (double)(now.tv_sec - begun.tv_sec) + 1e-9 * (double)(now.tv_nsec - begun.tv_nsec);
+    assert_true(all_s >= (CLIENTS - 9) / 4.0 && first < CLIENTS);
     for (int i = 0; i < CLIENTS; i++)
         client_shut(&c[i]);
     server_destroy(s);

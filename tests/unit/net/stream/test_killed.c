@@ -29,7 +29,7 @@ static void *render(void *arg)
     struct server_ticket t;
 
     while (!atomic_load(&play->over)) {
-        if (!server_take_frame(play->s, &f, &t, 20))
+        if (!server_take_frame(play->s, &f, &t, true, 20))
             continue;
         assert_true(f.rgb[0] == (float)f.number);
         if (f.number % 7 == 0)

@@ -133,34 +133,87 @@ static void wrong_tokens_are_limited_by_address(void **state)
     limits_finish(&l);
 }
 
-/* A proxy may invent addresses: sixty wrong tokens of all of them together, one more each second; not those from which
- * a right one came. */
-static void addresses_that_a_proxy_names_share_a_limit(void **state)
+static struct client *of_group(struct limits *l, bool named, int i, int64_t now_us)
+{
+    char text[32];
+
+    snprintf(text, sizeof(text), named ? "10.1.%d.%d" : "127.1.%d.%d", i / 250, i % 250);
+    return named ? client_forwarded(l, text, now_us) : find(l, text, now_us);
+}
+
+/* A proxy may invent addresses, and this machine has 127.0.0.0/8: sixty wrong tokens of all of a group together, one
+ * more each second; not those from which a right one came. */
+static void addresses_that_one_person_may_have_share_a_limit(void **state)
+{
+    (void)state;
+    for (int named = 0; named < 2; named++) {
+        struct limits l = { 0 };
+        assert_true(limits_init(&l, 8));
+        struct client *late = of_group(&l, named, 5000, 1);
+        late->guessed = true;
+        for (int i = 0; i < 60; i++) {
+            struct client *c = of_group(&l, named, i / 8, 1);
+            assert_true(client_may_guess(&l, c, 1));
+            client_guessed_wrong(&l, c, 1);
+        }
+        assert_false(client_may_guess(&l, late, 1));
+        assert_true(client_may_guess(&l, find(&l, "192.0.2.1", 1), 1));
+        assert_true(client_may_guess(&l, of_group(&l, !named, 1, 1), 1)); /* groups do not lock out each other */
+        late->known = true;
+        assert_true(client_may_guess(&l, late, 1));
+        late->known = false;
+        assert_false(client_may_guess(&l, late, 9 * SECOND / 10));
+        assert_true(client_may_guess(&l, late, 102 * SECOND / 100)); /* looking takes nothing */
+        client_guessed_wrong(&l, late, 102 * SECOND / 100);
+        assert_false(client_may_guess(&l, late, 102 * SECOND / 100));
+        assert_false(client_may_guess(&l, late, 199 * SECOND / 100));
+        assert_true(client_may_guess(&l, late, 201 * SECOND / 100)); /* the 0.02 left were kept */
+        limits_finish(&l);
+    }
+}
+
+/* Sixteen addresses that guess as often as they may do not lock out those that never guessed wrong; and those, of which
+ * there may be any number, get no more than twenty and one in two seconds among them. */
+static void newcomers_are_heard_while_others_guess(void **state)
 {
     struct limits l = { 0 };
+    int checked = 0;
     (void)state;
 
     assert_true(limits_init(&l, 8));
-    for (int i = 0; i < 60; i++) {
-        char header[32];
-        snprintf(header, sizeof(header), "10.0.%d.%d", i / 8, i % 8);
-        struct client *c = client_forwarded(&l, header, 1);
-        assert_true(client_may_guess(&l, c, 1));
-        client_guessed_wrong(&l, c, 1);
+    for (int64_t t = 1; t < 300 * SECOND; t += SECOND / 2)
+        for (int i = 0; i < 16; i++) {
+            struct client *c = of_group(&l, true, i, t);
+            if (client_may_guess(&l, c, t))
+                client_guessed_wrong(&l, c, t);
+            if (i == 15 && !client_may_guess(&l, of_group(&l, true, 100 + (int)(t / SECOND), t), t))
+                fail_msg("a newcomer is locked out after %g s", 1e-6 * (double)t);
+        }
+    for (int i = 0; i < 10000; i++) {
+        const int64_t t = 300 * SECOND + i * SECOND / 100;
+        struct client *c = of_group(&l, true, 1000 + i, t);
+        if (!client_may_guess(&l, c, t))
+            continue;
+        client_guessed_wrong(&l, c, t);
+        checked++;
     }
-    struct client *late = client_forwarded(&l, "10.9.9.9", 1);
-    assert_false(client_may_guess(&l, late, 1));
-    assert_true(client_may_guess(&l, find(&l, "192.0.2.1", 1), 1));
-    late->known = true;
-    assert_true(client_may_guess(&l, late, 1));
-    late->known = false;
-    assert_false(client_may_guess(&l, late, 9 * SECOND / 10));
-    assert_true(client_may_guess(&l, late, 102 * SECOND / 100)); /* looking takes nothing */
-    client_guessed_wrong(&l, late, 102 * SECOND / 100);
-    assert_false(client_may_guess(&l, late, 102 * SECOND / 100));
-    assert_false(client_may_guess(&l, late, 199 * SECOND / 100));
-    assert_true(client_may_guess(&l, late, 201 * SECOND / 100)); /* the 0.02 left were kept */
+    assert_in_range(checked, 100, 100 * 1.5 + 62 + 22);
     limits_finish(&l);
+}
+
+static void who_has_most_places_gives_way(void **state)
+{
+    struct client a = { .used = true }, b = a, c = a;
+    const struct client *const two[] = { &a, &a, &b }, *const three[] = { &a, NULL, &b, &b, &b, NULL };
+    (void)state;
+
+    assert_int_equal(client_crowds(two, 3, &c), 1);
+    assert_int_equal(client_crowds(two, 3, &b), -1);
+    assert_int_equal(client_crowds(two, 3, &a), -1);
+    assert_int_equal(client_crowds(two + 1, 2, &c), -1); /* one each */
+    assert_int_equal(client_crowds(three, 6, &a), 4);
+    assert_int_equal(client_crowds(three, 6, &b), -1);
+    assert_int_equal(client_crowds(three, 0, &a), -1);
 }
 
 /* A new client takes a free row, else that of the oldest guess without a connection. */
@@ -231,7 +284,9 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(addresses_of_sockets_are_those_of_their_texts),
     cmocka_unit_test(a_proxy_is_believed_in_its_last_word_only),
     cmocka_unit_test(wrong_tokens_are_limited_by_address),
-    cmocka_unit_test(addresses_that_a_proxy_names_share_a_limit),
+    cmocka_unit_test(addresses_that_one_person_may_have_share_a_limit),
+    cmocka_unit_test(newcomers_are_heard_while_others_guess),
+    cmocka_unit_test(who_has_most_places_gives_way),
     cmocka_unit_test(rows_without_connections_are_taken_again),
     cmocka_unit_test(who_guessed_longest_ago_is_forgotten_and_who_is_connected_never),
     cmocka_unit_test(buckets_refill_up_to_their_most),

@@ -187,7 +187,7 @@ static void a_producer_goes_on_after_what_was_accepted(void **state)
     assert_int_equal(json_integer_value(json_object_get(fate, "sequence")), 1); /* 4.11.1, here too */
     json_decref(fate);
     assert_int_equal(credit_comes(&p), 1);
-    assert_false(server_take_frame(s, &f, &t, 20));
+    assert_false(server_take_frame(s, &f, &t, true, 20));
     COUNTER_BECOMES(s, frames_repeated, 1);
     frame_send(&p, 8);
     take(s, &f, &t, 8);
@@ -422,7 +422,7 @@ static void a_live_frame_never_overtakes_one_in_lockstep(void **state)
     COUNTER_BECOMES(s, frames_received, 2);
     take(s, &f, &t, 1);
     struct server_ticket none;
-    assert_false(server_take_frame(s, &f, &none, 50));
+    assert_false(server_take_frame(s, &f, &none, true, 50));
     publish_for(s, PROTOCOL_JPEG, 1, &t);
     take(s, &f, &none, 100);
     assert_false(none.lockstep);

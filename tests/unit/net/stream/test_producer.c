@@ -100,7 +100,7 @@ static void the_newest_frame_wins_and_the_other_is_told(void **state)
     frame_send(&c, 3);
     expect_fate(&c, 2, "superseded");
     take(s, &f, &t, 3);
-    assert_false(server_take_frame(s, &f, &t, 20));
+    assert_false(server_take_frame(s, &f, &t, true, 20));
     COUNTER_BECOMES(s, frames_superseded, 2);
     client_shut(&c);
     frame_finish(&f);
@@ -379,7 +379,7 @@ static void a_frame_that_must_not_be_decoded_is_refused_and_the_connection_stays
         json_decref(m);
         assert_int_equal(credit_comes(&c), 1);
     }
-    assert_false(server_take_frame(s, &f, &t, 20));
+    assert_false(server_take_frame(s, &f, &t, true, 20));
     frame_send(&c, 5);
     take(s, &f, &t, 5);
     server_frame_fate(s, &t, SERVER_REFUSED, "100 % of its sun is square");
@@ -483,7 +483,7 @@ static void a_producer_that_vanishes_in_the_middle_leaves_nothing_behind(void **
             before = resident_kib();
     }
     assert_true(resident_kib() - before < 4096);
-    assert_false(server_take_frame(s, &f, &t, 20));
+    assert_false(server_take_frame(s, &f, &t, true, 20));
     produce_live(&c, s);
     frame_send(&c, 2);
     take(s, &f, &t, 2);

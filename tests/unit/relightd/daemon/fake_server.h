@@ -113,11 +113,12 @@ void server_publish(struct server *s, struct sent_image *image)
     image_unref(image);
 }
 
-bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *ticket, int timeout_ms)
+bool server_take_frame(struct server *s, struct frame *f, struct server_ticket *ticket, bool live, int timeout_ms)
 {
     (void)s;
     (void)f;
     (void)ticket;
+    (void)live;
     nanosleep(&(struct timespec){ .tv_nsec = timeout_ms * 1000000L }, NULL);
     return false;
 }

@@ -120,14 +120,14 @@ static void renditions_are_made_as_asked(void **state)
     even_image(p, 1, 1.0f, false);
     encode_image(t, p);
     assert_int_equal(fake.renditions, 0);
-    fake.demand.renditions[2] = (struct server_rendition){ SERVER_JPEG, false, 20, 1 };
+    fake.demand.renditions[2] = (struct server_rendition){ SERVER_JPEG, 1, 20, 1 };
     encode_image(t, p);
     assert_int_equal(fake.renditions, 1);
     assert_int_equal(fake.rendition.width, 20);
     assert_int_equal(fake.rendition.height, 11);
     fake.demand.renditions[2].serial = 2; /* another use of the slot: without a new image, from what is kept */
     fake.demand.renditions[2].width = WIDTH + 1;
-    fake.demand.renditions[3] = (struct server_rendition){ SERVER_EXR, true, 20, 3 };
+    fake.demand.renditions[3] = (struct server_rendition){ SERVER_EXR, 1, 20, 3 };
     atomic_store(&r.shared.repeat_requested, false);
     assert_int_equal(encode_thread_start(t, &why), ERR_OK);
     for (int i = 0; i < AWAITED && (fake.renditions < 2 || !atomic_load(&r.shared.repeat_requested)); i++)
