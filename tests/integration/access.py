@@ -10,6 +10,7 @@ import shutil
 import ssl
 import stat
 import subprocess
+import urllib.error
 import urllib.request
 
 from peer import BIN, WAIT_S, check, expect, main, run, skip
@@ -71,6 +72,69 @@ async def a_qr_code_on_a_terminal_is_the_link(folder):
         (folder / "code.pgm").write_bytes(b"P5 %d %d 255\n" % (4 * len(rows[0]), 4 * len(rows)) + pixels)
         read = subprocess.run(["zbarimg", "-q", "--raw", folder / "code.pgm"], capture_output=True, text=True, check=True)
         check(read.stdout.strip() == link, f"{read.stdout} instead of {link}")
+
+
+async def one_flag_makes_tokens_and_certificate_and_prints_the_links(folder):
+    said = links("--share", folder / "share", "--source", "push:")
+    check(stat.S_IMODE((folder / "share").stat().st_mode) == 0o700, "others may look into the folder")
+    tokens = {}
+    for role in "viewer", "controller", "producer", "recorder":
+        path = folder / "share" / f"token-{role}"
+        tokens[role] = path.read_text().strip()
+        check(re.fullmatch("[0-9a-f]{32}", tokens[role]), f"{role}: {tokens[role]!r}")
+        check(stat.S_IMODE(path.stat().st_mode) == 0o600, f"{role}: others may read it")
+        check(tokens[role] in said, f"{role}: {said}")
+    check(len(set(tokens.values())) == 4, "roles share a token")
+    check(re.search(r"^viewer +https://[^/]+/#role=viewer&token=" + tokens["viewer"], said, re.M), said)
+    check(links("--share", folder / "share", "--source", "push:") == said, "the second start makes others")
+    given = links("--share", folder / "share", "--token-viewer", "one that was given", "--bind", "127.0.0.1")
+    check("one%20that%20was%20given" in given and tokens["viewer"] not in given, given)
+    (folder / "open").mkdir()
+    (folder / "open").chmod(0o777)
+    check("other users may write to it" in links("--share", folder / "open", code=2), "a folder that all may write to is taken")
+    (folder / "link").symlink_to(folder / "share")
+    check("is not a folder" in links("--share", folder / "link", code=2), "a link is taken")
+    async with Daemon(*SKY, "--share", str(folder / "share")) as daemon:
+        context = ssl.create_default_context(cafile=folder / "share" / "cert.pem")
+        def status(token):
+            request = urllib.request.Request(f"https://127.0.0.1:{port_of(daemon.url)}/snapshot.jpg", headers={"Authorization": f"Bearer {token}"})
+            try:
+                return urllib.request.urlopen(request, context=context, timeout=WAIT_S).status
+            except urllib.error.HTTPError as refusal:
+                return refusal.code
+        check(await asyncio.to_thread(status, "wrong") == 401, "a wrong token is taken")
+        check(await asyncio.to_thread(status, tokens["viewer"]) in (200, 503), "the right token is refused")
+
+
+async def what_tokens_do_not_protect_is_warned_about(folder):
+    """Where other machines reach the server; on loopback nothing is said."""
+    long = [f"{role}-0123456789abcdef" for role in "vcpr"]
+
+    async def said(*arguments):
+        process = subprocess.Popen([BIN / "relightd", "--source", "push:", "--port", "0", *map(str, arguments)], stderr=subprocess.PIPE,
+                                   text=True)
+        lines = []
+        for line in process.stderr:
+            lines.append(line)
+            if "listening" in line or "error" in line:
+                break
+        process.terminate()
+        process.communicate()
+        return "".join(lines)
+
+    def flags(*tokens):
+        roles = "viewer", "controller", "producer", "recorder"
+        return [x for role, token in zip(roles, tokens) for x in (f"--token-{role}", token)]
+    text = await said("--bind", "0.0.0.0", *flags("abc", "abc", "abc", long[3]))
+    check(text.count("have the same token") == 3 and "every viewer can change settings for everybody" in text, text)
+    check(text.count("has 3 characters: whoever reaches the port can guess it") == 3, text)
+    check("without TLS everyone on the way can read tokens" in text, text)
+    text = await said("--bind", "0.0.0.0", *flags(*long), "--tls-self-signed", folder / "tls")
+    check("same token" not in text and "guess" not in text and "without TLS" not in text, text)
+    text = await said(*flags("abc", "abc", "abc", "abc"))
+    check("same token" not in text and "guess" not in text, text)
+    text = await said("--behind-proxy", *flags("abc", long[1], long[2], long[3]))
+    check("the viewers' token has 3 characters" in text, text)
 
 
 def own(folder):

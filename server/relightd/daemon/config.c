@@ -21,6 +21,7 @@
 static const char *const token_flags[] = { "token-viewer", "token-controller", "token-producer", "token-recorder",
                                            "token-metrics" };
 #define TOKENS (sizeof(token_flags) / sizeof(token_flags[0]))
+#define SHARED_TOKENS 4 /* the first of them, which --share makes */
 
 /* One reading of everything. */
 struct config_reading {
@@ -70,6 +71,34 @@ static enum err read_token(const char *path, bool complain, char out[TOKEN_BYTES
     if (more || !out[0])
         return err_say(why, ERR_USAGE, "%s: its first line is not a token of 1 to %d bytes", path, TOKEN_BYTES - 2);
     return ERR_OK;
+}
+
+/* --share DIR stands for these. A flag that is given counts. */
+static enum err take_share(struct config_reading *s, struct reason *why)
+{
+    struct command *c = &s->flags.command;
+    const char *dir = command_get(c, "share");
+    const bool make = !command_get(c, "check-config");
+    enum err e = ERR_OK;
+    char path[4096];
+
+    if (!dir)
+        return ERR_OK;
+    if (!command_given(c, "bind"))
+        command_flag(c, "bind")->given = "0.0.0.0";
+    if (!command_given(c, "tls-cert") && !command_given(c, "tls-key") && !command_given(c, "tls-self-signed"))
+        command_flag(c, "tls-self-signed")->given = dir;
+    for (size_t i = 0; i < SHARED_TOKENS && !e; i++) {
+        if (command_flag(c, token_flags[i])->given)
+            continue;
+        e = share_token(dir, token_flags[i], make, path, sizeof(path), why);
+        if (!e && access(path, F_OK) == 0)
+            e = read_token(path, true, s->tokens[i], why);
+        else if (!e) /* what --check-config has instead */
+            snprintf(s->tokens[i], sizeof(s->tokens[i]), "%s will be made", token_flags[i]);
+        command_flag(c, token_flags[i])->given = s->tokens[i];
+    }
+    return e;
 }
 
 /* Reads each token that is not set directly from its file, or, if neither is set, from the service manager's
@@ -212,6 +241,8 @@ static enum err config_reading_create(int argc, char **argv, struct config_readi
         e = take_file(s, path, why);
     if (!e)
         e = take_tokens(s, why);
+    if (!e)
+        e = take_share(s, why);
     if (e)
         goto failed;
     *out = s;
@@ -331,6 +362,9 @@ enum err daemon_config_read(struct daemon_config *c, struct config_readings *r, 
         return links_print(&c->server_desc, stdout, isatty(STDOUT_FILENO) == 1, why);
     }
     report_ignored(&s->flags.command, c);
+    share_warn(&c->server_desc);
+    c->tells_links =
+        command_get(&s->flags.command, "share") && !getenv("JOURNAL_STREAM"); /* they hold tokens: no log */
     if (c->setup.threads)
         omp_set_num_threads((int)c->setup.threads);
     return ERR_OK;

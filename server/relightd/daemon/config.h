@@ -34,6 +34,7 @@ struct daemon_config {
     struct publish_target publish[SETTING_TEXTS_MAX]; /* the parsed publish targets */
     struct server_desc server_desc;
     struct log_desc log;
+    bool tells_links;      /* prints them once it listens */
     const char *state_dir; /* NULL: settings do not survive a restart */
     bool push;             /* producers send the frames */
     bool no_sandbox;       /* decode producers' files in this process */
@@ -68,6 +69,18 @@ void daemon_config_reload(struct config_readings *r, struct settings_store *sett
 
 /* Prints the URLs; codes: with QR codes for the page's. ERR_USAGE: the port is not known in advance. Main thread. */
 MUST_CHECK enum err links_print(const struct server_desc *desc, FILE *out, bool codes, struct reason *why);
+
+/* Writes the address at which a browser can open the page, by name where there is one, for a server on this port. */
+void links_page(const struct server_desc *desc, uint16_t port, char *out, size_t size);
+
+/* ---- share.c: other machines ---- */
+
+/* The path of the token `name` in the folder of --share; make: folder and token are made if they are not there.
+ * ERR_USAGE: others may write to the folder. ERR_IO. Main thread. */
+MUST_CHECK enum err share_token(const char *dir, const char *name, bool make, char *path, size_t size,
+                                struct reason *why);
+/* Warns about tokens that are short or equal, and about a lack of TLS, where other machines reach the server. */
+void share_warn(const struct server_desc *d);
 
 /* ---- Flags ---- */
 

@@ -66,6 +66,16 @@ static void find_place(struct links *l)
     set_place(l, all && addresses_of_machine(found) > 0 ? found[0] : bind, d->port);
 }
 
+void links_page(const struct server_desc *desc, uint16_t port, char *out, size_t size)
+{
+    struct server_desc with_port = *desc;
+    struct links l = { .desc = &with_port, .tls = desc->tls_cert || (desc->behind_proxy && desc->public_names) };
+
+    with_port.port = port;
+    find_place(&l);
+    snprintf(out, size, "http%s://%s/", l.tls ? "s" : "", l.place);
+}
+
 static void print_page(const struct links *l, const char *role, const char *token)
 {
     char encoded[TEXT], link[2 * TEXT];

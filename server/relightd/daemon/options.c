@@ -54,6 +54,10 @@ static const struct setting table[] = {
     { "tls-self-signed", "DIR",
       "HTTPS only, with a self-signed certificate for this machine's names and addresses, kept in DIR", NULL, NETWORK,
       TEXT },
+    { "share", "DIR",
+      "for other machines: keep tokens for all roles and a certificate in DIR, made at the first start, listen on all "
+      "addresses, and print the links",
+      NULL, NETWORK, TEXT },
     { "web", "DIR", "folder of the viewer page; default: the one installed with the program", NULL, EXPERT, NETWORK,
       TEXT, AT(server_desc.web_dir) },
     { "h264-mbit", "N", "maximum bit rate of H.264, in Mbit/s; 0: half a bit per pixel of each frame", "0", EXPERT,

@@ -21,6 +21,7 @@
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdio.h>
+#include <string.h>
 #include <unistd.h>
 
 #define OWN_THREADS 6     /* network, ingest, encode, housekeeping, service manager, and one for a camera or a cache */
@@ -153,7 +154,15 @@ static enum err run(struct daemon *d, struct reason *why)
         e = housekeeping_start(&d->housekeeping, s, &d->state, why);
     if (e)
         return e;
+    char page[320];
+    links_page(&s->config.server_desc, server_port(s->server), page, sizeof(page));
     log_info("listening on %s", server_url(s->server));
+    if (strcmp(page, server_url(s->server)) != 0)
+        log_info("the page is at %s", page);
+    struct server_desc known = s->config.server_desc;
+    known.port = server_port(s->server);
+    if (s->config.tells_links && links_print(&known, stdout, isatty(STDOUT_FILENO) == 1, why) == ERR_OK)
+        fflush(stdout);
     return shade_thread_run(d->shade, why);
 }
 
