@@ -258,7 +258,7 @@ export class Connection {
     this.lastSequence = 0;
     this.pictureMs = this.sinceMs = this.heardMs;
     this.source = null;
-    this.light = this.frame = this.made = undefined;
+    this.light = this.frame = this.made = this.none = undefined;
     this.shownFrame = undefined;
     this.offered = message.formats ?? [];
     this.wakes = 0;
@@ -299,6 +299,7 @@ export class Connection {
     this.frame = message.frame;
     this.light = message.light;
     this.made = message.frames?.used > 0;
+    this.none = message.frames?.used === 0; // no image was made yet
     this.lateS = message.late?.seconds; // the image being made exceeds the server's limit
     this.on.status?.(message);
     this.judge();
@@ -354,6 +355,8 @@ export class Connection {
     if (this.hidden) this.set({ name: 'paused', detail: 'hidden' });
     else if (!resting && now - this.heardMs > QUIET_MS)
       this.set({ name: 'stalled', silent: true, seconds: Math.floor((now - this.heardMs) / 1000) });
+    // A server's first image takes as long as it takes: nothing has stalled.
+    else if (this.none && this.lastSequence === 0 && !resting) this.set({ name: 'connecting', detail: 'preparing', seconds: this.waited(now) });
     else if (this.lateS > 0) this.set({ name: 'stalled', late: true, seconds: Math.floor(this.lateS) });
     else if (name === 'waiting') this.set({ name: 'waiting', detail: this.source.detail });
     else if (name === 'failed') this.set({ name: 'failed', detail: this.source.detail });
@@ -363,6 +366,12 @@ export class Connection {
     else if (quiet > allowed) this.set({ name: 'stalled', silent: false, seconds: Math.floor(quiet / 1000) });
     else if (this.lastSequence > 0) this.set({ name: 'live' });
     else this.set({ name: 'connecting', detail: 'picture' });
+  }
+
+  // Seconds since the welcome, told in steps, so that a screen reader is not read each of them; 0: few.
+  waited(now) {
+    const seconds = (now - this.sinceMs) / 1000;
+    return seconds < 5 ? 0 : Math.floor(seconds / 5) * 5;
   }
 
   // Four times a second: detects dead connections, stalls, and missing images after waking.

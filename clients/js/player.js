@@ -5,9 +5,13 @@ import { Connection } from './connection.js';
 import { Video, realWorld, whyNoVideo } from './video.js';
 
 const ASK_MS = 1000; // a browser that has not answered by then gets JPEG until it does
+const AGAIN_MS = 15000; // after a failure H.264 is tried again, doubled with each further failure,
+const AGAIN_MOST_MS = 300000; // up to this
+const GOOD_IMAGES = 100; // so many images make it a new start
 
 // emit(event, transfer). Events: state, welcome, status, error, heard {message: any other server message}, picture
-// {header, bitmap, bytes, heardMs, decodeMs}, whose receiver closes the bitmap, and coding {reason}: why there is no H.264.
+// {header, bitmap, bytes, heardMs, decodeMs}, whose receiver closes the bitmap, and coding {reason, again}: why there is no
+// H.264, and whether it will be tried again; reason null: it is tried now.
 export class Player {
   constructor(emit, world = realWorld()) {
     this.emit = emit;
@@ -15,6 +19,8 @@ export class Player {
     this.decoding = false;
     this.next = null;
     this.video = null;
+    this.decodes = false; // the browser decodes H.264
+    this.failures = 0; // of H.264 in a row
   }
 
   command(message) {
@@ -28,6 +34,7 @@ export class Player {
       case 'stop':
         this.stopped = true;
         this.video?.close();
+        this.world.clearTimeout?.(this.again);
         this.connection.stop();
         break;
       default: break;
@@ -40,11 +47,14 @@ export class Player {
       state: (state) => this.emit({ op: 'state', state }),
       welcome: (welcome) => {
         this.video?.forget();
+        this.failures = 0;
+        if (!this.video) this.useVideo(); // another server, or the same one with other settings
         this.emit({ op: 'welcome', welcome, role: this.connection.role });
       },
       status: (status) => this.emit({ op: 'status', status, clock: this.clock() }),
       error: (error) => {
-        if (error.code === 'not_offered') this.leaveVideo('the server offers no H.264');
+        // Only a refused subscription: a question about a pixel may have the same code.
+        if (error.code === 'not_offered' && error.clause?.startsWith('4.3')) this.leaveVideo('the server offers no H.264', false);
         this.emit({ op: 'error', error });
       },
       heard: (message) => this.emit({ op: 'heard', message }),
@@ -56,7 +66,7 @@ export class Player {
     this.connection.token = token;
     this.connection.maxRate = maxRate;
     this.connection.maxWidth = maxWidth;
-    if (coding === 'jpeg') this.emit({ op: 'coding', reason: 'JPEG requested' });
+    if (coding === 'jpeg') this.emit({ op: 'coding', reason: 'JPEG requested', again: false });
     else await this.openVideo();
     if (!this.stopped) this.connection.start();
   }
@@ -70,11 +80,23 @@ export class Player {
   answered(reason) {
     if (this.stopped) return;
     if (reason) {
-      this.emit({ op: 'coding', reason });
+      this.emit({ op: 'coding', reason, again: false });
       return;
     }
+    this.decodes = true;
+    this.useVideo();
+  }
+
+  useVideo() {
+    if (!this.decodes || this.stopped) return;
+    let images = 0;
+    this.world.clearTimeout?.(this.again);
+    this.emit({ op: 'coding', reason: null, again: false });
     this.video = new Video({
-      picture: (picture) => this.emit({ op: 'picture', ...picture, clock: this.clock() }, [picture.bitmap]),
+      picture: (picture) => {
+        if (++images >= GOOD_IMAGES) this.failures = 0;
+        this.emit({ op: 'picture', ...picture, clock: this.clock() }, [picture.bitmap]);
+      },
       passed: (header) => this.returnCredit(header),
       lost: () => this.connection.subscribe(),
       failed: (why) => this.leaveVideo(why),
@@ -82,14 +104,18 @@ export class Player {
     this.connection.setVideo(true);
   }
 
-  // Switches to JPEG; the current image stays on screen until the first one arrives.
-  leaveVideo(reason) {
+  // Switches to JPEG; the current image stays on screen until the first one arrives. again: the cause may pass.
+  leaveVideo(reason, again = true) {
     if (!this.video) return;
     const { video } = this;
     this.video = null;
     video.close();
-    this.emit({ op: 'coding', reason });
+    this.emit({ op: 'coding', reason, again });
     this.connection.setVideo(false);
+    if (!again) return;
+    this.again = this.world.setTimeout(() => {
+      if (!this.video) this.useVideo();
+    }, Math.min(AGAIN_MOST_MS, AGAIN_MS * 2 ** this.failures++));
   }
 
   // Releases the decoder of a hidden page; the server starts again with a keyframe.

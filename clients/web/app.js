@@ -11,7 +11,7 @@ import { keepAccess, wishedHls, wishedPictures, wishedRole } from './role.js';
 import { Screen } from './screen.js';
 import { startPlayer, watchPage } from './start.js';
 import {
-  bitsPerSecond, codingName, describe, lightSentence, milliseconds, Pace, publishSentence, stateSentence, stateWord, sunSentence,
+  bitsPerSecond, codingSentence, describe, lightSentence, milliseconds, Pace, publishSentence, stateSentence, stateWord, sunSentence,
   withoutFolders,
 } from './sentences.js';
 import { startTheme, switchTheme } from './theme.js';
@@ -30,6 +30,7 @@ const relight = {
   status: null,
   latencyMs: NaN,
   noVideo: null, // why there is no H.264, once known
+  videoAgain: false, // it will be tried again
   readback: () => screen.readback(),
 };
 window.relight = relight;
@@ -116,7 +117,10 @@ function take(event) {
     case 'picture': takePicture(event); break;
     case 'error': takeError(event.error); break;
     case 'heard': takeOther(event.message); break;
-    case 'coding': relight.noVideo = event.reason; break;
+    case 'coding':
+      relight.noVideo = event.reason;
+      relight.videoAgain = event.again;
+      break;
     case 'undecodable': console.warn(`picture ${event.sequence} could not be decoded: ${event.reason}`); break;
     default: break;
   }
@@ -256,7 +260,7 @@ function showFigures() {
   setText('clock', clock.known ? `± ${milliseconds(clock.uncertaintyUs / 1000)}` : '');
   setText('frame', relight.lastHeader ? String(relight.lastHeader.frame) : '–');
   setText('traffic', bitsPerSecond(figures.arrived.bytesPerSecond(now)));
-  setText('coding', codingName(relight.lastHeader?.format));
+  setText('coding', codingSentence(relight.lastHeader?.format, relight.noVideo, relight.videoAgain));
   if (status) {
     const { used, dropped, refused, last_refusal: last } = status.frames;
     setText('used', String(used));

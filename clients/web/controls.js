@@ -19,7 +19,7 @@ class Controls {
     this.build(app.panel('controls', 'Controls'));
     this.transport = new Transport(this);
     turnByDragging(app.canvas, this);
-    orbitByDragging(app.canvas, this);
+    this.orbit = orbitByDragging(app.canvas, this);
     this.keys();
     app.on('welcome', (welcome) => this.begin(welcome));
     app.on('control', (control) => this.take(control));
@@ -222,7 +222,8 @@ class Controls {
     pill.textContent = this.may ? 'Controlling' : 'Watching';
     const touch = window.matchMedia('(pointer: coarse)').matches; // no mouse, and probably no keyboard
     const click = touch ? 'tap' : 'click';
-    const what = this.may ? `Drag across the image to rotate the sky; ${click} it` : `${click[0].toUpperCase()}${click.slice(1)} the image`;
+    const move = touch ? 'with two fingers to move the camera' : 'with Alt to move the camera';
+    const what = this.may ? `Drag across the image to rotate the sky, ${move}; ${click} it` : `${click[0].toUpperCase()}${click.slice(1)} the image`;
     const more = touch ? 'press ? above for help' : 'press ? for all keys';
     document.getElementById('hint').textContent = `${what} to see where a pixel\u2019s light comes from; ${more}.`;
   }
@@ -285,6 +286,16 @@ class Controls {
     this.cycle('l', 'Direct light only, or all light', 'paths', () => this.offers.paths, 'Light', (p) => this.pathsText(p));
     this.cycle('m', 'Next method', 'method', () => this.offers.methods, 'Method');
     this.cycle('c', 'Next camera', 'camera', () => this.offers.cameras, 'Camera');
+    const move = (dx, dy, zoom) => () => {
+      if (this.orbit(dx, dy, zoom)) this.app.say('Camera moved');
+      else if (!this.may) this.ask({}); // which says why
+    };
+    app.key('q', 'Camera to the left (or Alt and drag, or two fingers)', move(1 / 36, 0));
+    app.key('e', 'Camera to the right', move(-1 / 36, 0));
+    app.key('u', 'Camera up', move(0, 1 / 36));
+    app.key('n', 'Camera down', move(0, -1 / 36));
+    app.key('z', 'Camera nearer (or Alt and wheel, or pinch)', move(0, 0, 0.9));
+    app.key('Shift+z', 'Camera farther', move(0, 0, 1 / 0.9));
     app.key('v', 'Save the view under a name', () => this.saveView());
     app.key('Shift+v', 'Forget the saved view that is shown', () => this.forgetView());
     this.cycle('r', 'Next frame rate limit', 'fps', () => this.within('fps', RATES), 'Frame rate limit');

@@ -1,4 +1,4 @@
-// Moving the camera: Alt-drag, or two fingers, turns it around the point it looks at; Alt and wheel, or pinching, changes its
+// Moving the camera, also by keys (controls.js): Alt-drag, or two fingers, turns it around the point it looks at; Alt and wheel, or pinching, changes its
 // distance. The view is text, "@x,y,z;x,y,z;degrees" (PROTOCOL.md 4.13.15); the server shows each as soon as it can.
 
 const TURN = Math.PI; // per image width
@@ -90,4 +90,12 @@ export function orbitByDragging(canvas, controls) {
     move(...middle(event.touches));
   }, { passive: false });
   canvas.addEventListener('touchend', (event) => { if (event.touches.length < 2) from = null; });
+
+  // One step, as if by dragging; false: there is no view to start from, or no right to.
+  return (dx, dy, zoom = 1) => {
+    if (!begin(0, 0)) return false;
+    ask(orbited(from.view, dx, dy, zoom));
+    from = null;
+    return true;
+  };
 }

@@ -3,7 +3,8 @@ import { make } from './dom.js';
 import { keyName } from './keys.js';
 
 const WHAT = 'The server relights one scene for every frame of a moving sky: direct light, and indirect light and caustics if they '
-  + 'are on. Drag across the image to rotate the sky; press a panel\u2019s heading to fold it.';
+  + 'are on. Drag across the image to rotate the sky; with Alt, or with two fingers, to move the camera around what it looks at; '
+  + 'Alt and the wheel, or pinching, change its distance. Press a panel\u2019s heading to fold it.';
 
 const STREAM = 'This is a published stream of a scene relit by a moving sky, some seconds behind live. The server\u2019s own page has '
   + 'the controls.';

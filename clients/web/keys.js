@@ -21,6 +21,8 @@ export function isTaken(target, key) {
   if (tag === 'INPUT' && !['range', 'checkbox', 'radio', 'button'].includes(target.type)) return key !== 'Escape';
   const bare = key.replace('Shift+', '');
   if (tag === 'SELECT') return bare.length === 1 || bare.startsWith('Arrow') || bare === 'Enter';
+  if (tag === 'INPUT' && target.type === 'range') // to which Space does nothing: it pauses, also after dragging the timeline
+    return bare.startsWith('Arrow') || ['Home', 'End', 'PageUp', 'PageDown'].includes(bare);
   if (tag === 'INPUT' && target.type !== 'button')
     return bare.startsWith('Arrow') || ['Home', 'End', 'PageUp', 'PageDown', ' '].includes(bare);
   if (tag === 'BUTTON' || tag === 'SUMMARY' || tag === 'A' || tag === 'INPUT') return bare === ' ' || bare === 'Enter';

@@ -29,6 +29,7 @@ export function describe(status) {
 // The word beside the dot.
 export function stateWord(state) {
   if (state.name === 'live' && Number.isFinite(state.delayMs)) return `Live, ${milliseconds(state.delayMs)} behind`; // HLS
+  if (state.name === 'connecting' && state.detail === 'preparing') return 'Preparing';
   return {
     connecting: 'Connecting',
     waiting: 'Waiting',
@@ -51,13 +52,14 @@ export function stateSentence(state, seen) {
   switch (state.name) {
     case 'connecting':
       if (state.detail === 'stream') return 'Loading the stream.';
+      if (state.detail === 'preparing') return `Connected. The server is preparing the first image${state.seconds ? `, for ${state.seconds} s so far` : ''}.`;
       return state.detail === 'picture' ? 'Connected. Waiting for the first image.' : 'Connecting to the server.';
     case 'waiting':
       return state.detail ? `Waiting for a sky${because}.` : 'Waiting for a sky. The server is ready but has received no frame yet.';
     case 'live':
       if (!seen) return 'Waiting for the first image.';
       if (still) return `Live. The sky stands still, and ${still}.`;
-      return state.still === 'idle' ? 'Live. No new sky for a while.' : 'Live.';
+      return state.still === 'idle' ? 'Live. No new image for a while.' : 'Live.';
     case 'paused':
       if (state.detail === 'hidden') return 'Paused while this page is hidden.';
       if (state.detail === 'press') return 'The browser does not start the stream by itself: press the image.';
@@ -151,6 +153,12 @@ export function milliseconds(ms) {
 
 // The display name of an image coding.
 export const codingName = (format) => ({ jpeg: 'JPEG', h264: 'H.264' })[format] ?? '';
+
+// With the reason where it is not the one that costs least: "JPEG, since the server sent no H.264 image; trying again soon".
+export function codingSentence(format, noVideo, again) {
+  const why = format === 'jpeg' && noVideo && noVideo !== 'JPEG requested' ? `, since ${noVideo}${again ? '; trying again soon' : ''}` : '';
+  return `${codingName(format)}${why}`;
+}
 
 export function bitsPerSecond(bytes) {
   const bits = bytes * 8;

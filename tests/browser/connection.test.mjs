@@ -254,6 +254,21 @@ test('missing video is reported once, before the connection is given up', async 
   assert.equal(connection.state.name, 'live');
 });
 
+test('before a server has made its first image nothing has stalled', async () => {
+  const { world, connection } = begin();
+  connection.setVideo(true);
+  connection.on.videoSilent = () => assert.fail('video was given up');
+  world.open();
+  world.welcome('a', 1, ['jpeg', 'h264']);
+  for (let i = 0; i < 30; i++) {
+    await world.pass(1000);
+    world.status('live', '', 30, { frames: { used: 0 }, frame: 0, late: { seconds: i } });
+    assert.deepEqual([connection.state.name, connection.state.detail], ['connecting', 'preparing']);
+  }
+  assert.equal(connection.state.seconds, 30);
+  assert.equal(world.sockets.length, 1);
+});
+
 test('missing video of a still sky is left', async () => {
   const { world, connection } = begin();
   connection.on.videoSilent = () => connection.setVideo(false);

@@ -126,6 +126,8 @@ test('keys have names, and focused elements come first', () => {
   assert.equal(on('BUTTON', '', 'f'), false);
   assert.equal(on('INPUT', 'range', 'ArrowLeft'), true);
   assert.equal(on('INPUT', 'range', 'f'), false);
+  assert.equal(on('INPUT', 'range', ' '), false); // pauses, also after the timeline was dragged
+  assert.equal(on('INPUT', 'checkbox', ' '), true);
   assert.equal(on('INPUT', 'text', 'f'), true);
   assert.equal(on('SELECT', '', 'm'), true);
   assert.equal(on('BODY', '', ' '), false);

@@ -124,6 +124,49 @@ test('a browser that is slow to say whether it decodes H.264 gets JPEG until it 
   }
 });
 
+// A player whose browser decodes H.264, connected to a server that offers it; `coding` are the events so far.
+async function playing(then) {
+  const real = globalThis.WebSocket;
+  globalThis.WebSocket = class { close() {} };
+  const world = new World();
+  const coding = [];
+  const player = new Player((event) => { if (event.op === 'coding') coding.push([event.reason, event.again]); }, world);
+  try {
+    await player.start({ url: 'ws://a.example/', hidden: false });
+    player.connection.receive(JSON.stringify({ op: 'welcome', version: { major: 1 }, formats: ['jpeg', 'h264'] }));
+    assert.equal(player.connection.format, 'h264');
+    await then({ world, player, connection: player.connection, coding });
+  } finally {
+    player.command({ op: 'stop' });
+    globalThis.WebSocket = real;
+  }
+}
+
+test('an error about a pixel does not end H.264, a refused subscription does', () => playing(({ connection }) => {
+  connection.receive(JSON.stringify({ op: 'error', code: 'not_offered', clause: '4.15.7', message: 'no image yet', request: 77 }));
+  assert.equal(connection.format, 'h264');
+  connection.receive(JSON.stringify({ op: 'error', code: 'not_offered', clause: '4.3.1', message: 'this server makes no H.264' }));
+  assert.equal(connection.format, 'jpeg');
+}));
+
+test('H.264 is tried again after a failure that may pass, less and less often', () => playing(({ world, connection, coding }) => {
+  let waited = 15000;
+  for (let i = 0; i < 7; i++) {
+    connection.on.videoSilent();
+    assert.equal(connection.format, 'jpeg');
+    assert.deepEqual(coding.at(-1), ['the server sent no H.264 image', true]);
+    world.pass(Math.min(300000, waited) - 1);
+    assert.equal(connection.format, 'jpeg');
+    world.pass(1);
+    assert.equal(connection.format, 'h264');
+    assert.deepEqual(coding.at(-1), [null, false]);
+    waited *= 2;
+  }
+  connection.on.videoSilent();
+  connection.receive(JSON.stringify({ op: 'welcome', version: { major: 1 }, formats: ['jpeg', 'h264'] }));
+  assert.equal(connection.format, 'h264'); // a new connection is a new start
+}));
+
 test('the codec string comes from the stream', () => {
   assert.equal(codecOf(Uint8Array.from(SPS)), 'avc1.42C01F');
   assert.equal(codecOf(Uint8Array.from([0, 0, 1, 0x09, 0xf0, ...SPS.slice(1, 5), 0x64, 0x00, 0x0a, 1])), 'avc1.64000A');

@@ -4,7 +4,7 @@ import { test } from 'node:test';
 import { ServerClock } from '../../clients/js/clock.js';
 import { Rate, Recent } from '../../clients/web/figures.js';
 import {
-  bitsPerSecond, codingName, describe, lightSentence, milliseconds, Pace, publishSentence, stateSentence, stateWord, sunSentence,
+  bitsPerSecond, codingName, codingSentence, describe, lightSentence, milliseconds, Pace, publishSentence, stateSentence, stateWord, sunSentence,
   withoutFolders,
 } from '../../clients/web/sentences.js';
 
@@ -76,9 +76,11 @@ test('a still sky differs from one that has ended, and a refining image from a c
     [{ name: 'paused', made: true, still: 'done' }, true, 'The sky is paused, and its image has converged.'],
     [{ name: 'paused', detail: 'hidden' }, true, 'Paused while this page is hidden.'],
     [{ name: 'live', still: 'better' }, true, 'Live. The sky stands still, and its image is being refined.'],
-    [{ name: 'live', still: 'idle' }, true, 'Live. No new sky for a while.'],
+    [{ name: 'live', still: 'idle' }, true, 'Live. No new image for a while.'],
     [{ name: 'live' }, false, 'Waiting for the first image.'],
     [{ name: 'connecting', detail: 'picture' }, false, 'Connected. Waiting for the first image.'],
+    [{ name: 'connecting', detail: 'preparing', seconds: 0 }, false, 'Connected. The server is preparing the first image.'],
+    [{ name: 'connecting', detail: 'preparing', seconds: 10 }, false, 'Connected. The server is preparing the first image, for 10 s so far.'],
   ];
   for (const [state, seen, want] of told) assert.equal(stateSentence(state, seen), want);
   assert.equal(stateWord({ name: 'ended' }), 'Ended');
@@ -89,6 +91,10 @@ test('a still sky differs from one that has ended, and a refining image from a c
 
 test('codings have display names', () => {
   assert.deepEqual(['jpeg', 'h264', undefined].map(codingName), ['JPEG', 'H.264', '']);
+  assert.equal(codingSentence('jpeg', 'this browser has no WebCodecs', false), 'JPEG, since this browser has no WebCodecs');
+  assert.equal(codingSentence('jpeg', 'the server sent no H.264 image', true), 'JPEG, since the server sent no H.264 image; trying again soon');
+  assert.equal(codingSentence('jpeg', 'JPEG requested', false), 'JPEG');
+  assert.equal(codingSentence('h264', null, false), 'H.264');
 });
 
 test('sentences include the reason', () => {
