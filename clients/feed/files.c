@@ -14,6 +14,7 @@ struct writer {
     struct parcel_desc parcel; /* texels as floats */
     enum exr_depth depth;
     uint64_t written, faulty;
+    unsigned said; /* by image_report */
 };
 
 static enum err check_pattern(const struct reader_desc *d, const char *pattern, struct source *s,
@@ -47,6 +48,8 @@ static enum err write_one(struct writer *w, struct parcel *p, struct reason *why
         w->faulty++;
         return ERR_OK;
     }
+    if (p->decoded)
+        image_report(&p->image, p->frame.name, &w->said);
     e = file_pattern_name(&w->pattern, p->frame.number, name, sizeof(name), why);
     if (e)
         return e;
@@ -87,7 +90,7 @@ static enum err write_all(struct writer *w, struct source *s, struct reason *why
 
 enum err files_write(const struct reader_desc *d, const char *pattern, struct reason *why)
 {
-    struct writer w = { .parcel = { .layout = d->parcel.layout, .raw = RAW_FLOAT },
+    struct writer w = { .parcel = { .layout = d->parcel.layout, .raw = RAW_FLOAT, .layer = d->parcel.layer },
                         .depth = d->parcel.raw == RAW_HALF ? EXR_HALF : EXR_FLOAT };
     struct source *s;
     enum err e = source_open(&d->source, &s, why);

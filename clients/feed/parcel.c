@@ -101,8 +101,10 @@ static enum err state_file(struct parcel *p, const struct parcel_desc *d, struct
     if (!barred)
         p->barred.text[0] = '\0';
     if (low)
-        (void)err_say(&p->barred, ERR_UNSUPPORTED, "%s: a JPEG or PNG, which is not HDR", f->name);
-    if (barred || low || d->raw) {
+        (void)err_say(&p->barred, ERR_UNSUPPORTED, "%s: a JPEG or PNG", f->name);
+    p->decoded = barred || low || d->raw || d->layer;
+    if (p->decoded) {
+        p->image.layer = d->layer;
         const enum err e = decode_image(f->bytes, f->size, f->name, &p->image, why);
         if (e)
             return e;
@@ -122,6 +124,7 @@ enum err parcel_pack(struct parcel *p, const struct parcel_desc *d, struct reaso
     const struct frame *f = &p->frame;
 
     p->barred.text[0] = '\0';
+    p->decoded = false;
     p->header = (struct protocol_environment){
         .layout = layouts[d->layout],
         .flags = d->layout == LAYOUT_LATLONG_BOTTOM_FIRST ? PROTOCOL_BOTTOM_FIRST : 0,

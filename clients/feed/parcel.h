@@ -15,6 +15,7 @@ enum raw {
 struct parcel_desc {
     enum layout layout; /* stated in the header; AUTO: by the file or its aspect ratio */
     enum raw raw;       /* else: always decode files and send texels */
+    const char *layer;  /* as image.layer; given: likewise */
 };
 
 struct parcel {         /* zeroed memory is empty; buffers are reused from frame to frame */
@@ -24,6 +25,7 @@ struct parcel {         /* zeroed memory is empty; buffers are reused from frame
     const uint8_t *payload; /* header.payload bytes, owned by the parcel */
     struct reason barred;   /* why servers do not accept this file from the network, so that it was decoded; or "" */
 
+    bool decoded; /* here, into: */
     struct image image;
     uint16_t *half;
     size_t half_count;

@@ -12,7 +12,8 @@ struct reader {
     uint64_t total;
     pthread_t thread;
     bool running;
-    bool noticed; /* reader's thread: the log has mentioned decoding */
+    bool noticed;  /* reader's thread: the log has mentioned decoding, */
+    unsigned said; /* and these kinds of image_report */
 
     pthread_mutex_t lock;
     pthread_cond_t changed;
@@ -86,6 +87,8 @@ static enum err read_one(struct reader *r, struct parcel *p)
         log_info("%s; such files are decoded here and sent as texels", p->barred.text);
         r->noticed = true;
     }
+    if (!e && wanted && p->decoded)
+        image_report(&p->image, p->frame.name, &r->said);
     return e;
 }
 

@@ -34,6 +34,8 @@ static const struct setting rows[] = {
     { "loop", NULL, "restart after the last frame", NULL, FRAMES, SWITCH, AT(feeder.reader.source.loop) },
     { "layout", "L", "layout of the environment map", "auto", FRAMES, CHOICE(layout_choices),
       AT(feeder.reader.parcel.layout) },
+    { "layer", "NAME", "layer or part of OpenEXR maps, which are then decoded here; default: the server's choice", NULL,
+      FRAMES, TEXT, AT(feeder.reader.parcel.layer) },
     { "source-transfer", "T", "transfer function of a video, instead of the one that it declares", "auto", FRAMES,
       .needs = NEEDS_VIDEO, CHOICE(signal_transfer_choices), AT(feeder.reader.source.colour.transfer) },
     { "source-peak", "CDM2",
@@ -152,8 +154,10 @@ int main(int argc, char **argv)
         return 0;
     if (!e)
         e = check_options(&command, &feed.feeder, &why);
-    if (!e && feed.out)
+    if (!e && feed.out) {
+        feed.feeder.reader.source.wait = false; /* whoever waits for files wants to know that there are none */
         e = check_out(&command, &why);
+    }
     if (!e)
         e = feed.out ? files_write(&feed.feeder.reader, feed.out, &why) : feeder_create(&feed.feeder, &f, &why);
     if (e)

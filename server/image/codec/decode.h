@@ -1,12 +1,15 @@
 /* Decodes image files.
- * JPEG and PNG, 8 or 16 bits, as sRGB with white at 1 (image.low_range: they hold no HDR).
+ * JPEG and PNG, 8 or 16 bits, as sRGB with white at 1 (image.low_range: they hold no HDR), unless a PNG states its
+ * curve (cICP, gAMA); HDR are a PNG by PQ or HLG, with 203 cd/m^2 at 1, and a JPEG with a gain map. Alpha is ignored.
+ * Exif's orientation and the place of a part in a panorama (XMP's GPano) are applied.
  * OpenEXR, through OpenEXRCore: half and float, every compression, scan lines or tiles (the largest level of mip and
- * rip maps), any channel order, with or without alpha. The channels are R, G and B; else Y alone, as grey; else those
- * of the first layer that has all three ("sky.R"). Of a multipart file, the first part that has them is read. The image
- * is the data window; the display window is ignored, since an environment map is not cropped. An `envmap` attribute
+ * rip maps), any channel order, with or without alpha. Of several layers, in one part or many, image.layer names the
+ * one to read; else it is root R, G and B, else Y as grey, else the one named like an image ("Combined", "beauty"),
+ * else the first that is not named like something else ("AO", "albedo"); image.note says so. The image is the display
+ * window: black where there are no data, without those outside. An `envmap` attribute
  * sets the image's layout. Radiance .hdr: old and new RLE, flat, RGBE and XYZE, all eight orientations. The result is
  * linear Rec.709, top row first. An EXR's chromaticities and an .hdr's EXPOSURE, COLORCORR, PRIMARIES (all zero means
- * absent) and FORMAT=32-bit_rle_xyze are applied. Every value is sanitised and counted as in image.h. No size is
+ * absent) and FORMAT=32-bit_rle_xyze are applied. Every value is mended and counted as in image.h. No size is
  * trusted: before memory is allocated, the image is checked against the limits and against the number of bytes that
  * could encode it. Thread: any, one image per thread. The caller owns the bytes and the image. */
 #pragma once

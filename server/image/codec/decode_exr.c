@@ -9,6 +9,7 @@
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
+#include <strings.h>
 
 #define BLOCK_MAX ((size_t)1 << 30)                       /* bytes that the library may allocate at once */
 #define CHANNEL_LIST_MAX ((size_t)EXR_CHANNELS_MAX * 272) /* bytes: the longest names, and 16 for each channel */
@@ -173,49 +174,110 @@ static enum err open_header(struct exr_file *x)
     return r == EXR_ERR_SUCCESS ? ERR_OK : exr_file_say(x, r, "header");
 }
 
-/* The index of channel layer + name, or -1. `layer` need not be NUL-terminated. */
-static int find_channel(const exr_attr_chlist_t *list, const char *layer, size_t layer_length, const char *name)
+/* ---- Layers: all channels of a prefix ("ViewLayer.Combined.", ".", "") that hold a colour ---- */
+
+enum { FULL_NAME = 160, LAYERS_SHOWN = 200 };
+
+struct exr_layer {
+    int part, channels[3];
+    int rank;             /* the lowest is chosen */
+    char name[FULL_NAME]; /* printable; "": the whole file */
+};
+
+/* Length of the channel's prefix with its last dot. Its last component is `name` or that word, in any case. */
+static bool ends_in_colour(const char *channel, const char *name, const char *word, size_t *prefix)
 {
+    const char *dot = strrchr(channel, '.'), *last = dot ? dot + 1 : channel;
+
+    *prefix = (size_t)(last - channel);
+    return strcasecmp(last, name) == 0 || strcasecmp(last, word) == 0;
+}
+
+/* The index of the prefix's channel for a colour, or -1. */
+static int find_channel(const exr_attr_chlist_t *list, const char *prefix, size_t length, const char *name,
+                        const char *word)
+{
+    size_t other;
+
     for (int c = 0; c < list->num_channels; c++) {
         const char *s = list->entries[c].name.str;
-        if (strncmp(s, layer, layer_length) == 0 && strcmp(s + layer_length, name) == 0)
+        if (ends_in_colour(s, name, word, &other) && other == length && strncmp(s, prefix, length) == 0)
             return c;
     }
     return -1;
 }
 
-static bool find_rgb(const exr_attr_chlist_t *list, const char *layer, size_t layer_length, int out[3])
+/* The channels of the layer that begins with channel c: R, G and B, else Y as grey. */
+static bool layer_at(const exr_attr_chlist_t *list, int c, int out[3], size_t *prefix)
 {
-    static const char *const names[] = { "R", "G", "B" };
+    const char *name = list->entries[c].name.str;
 
-    for (int i = 0; i < 3; i++) {
-        out[i] = find_channel(list, layer, layer_length, names[i]);
-        if (out[i] < 0)
-            return false;
+    if (ends_in_colour(name, "R", "red", prefix)) {
+        out[0] = c;
+        out[1] = find_channel(list, name, *prefix, "G", "green");
+        out[2] = find_channel(list, name, *prefix, "B", "blue");
+        return out[1] >= 0 && out[2] >= 0;
     }
-    return true;
+    out[0] = out[1] = out[2] = c;
+    return ends_in_colour(name, "Y", "luminance", prefix) &&
+           (find_channel(list, name, *prefix, "R", "red") < 0 || find_channel(list, name, *prefix, "G", "green") < 0 ||
+            find_channel(list, name, *prefix, "B", "blue") < 0) &&
+           find_channel(list, name, *prefix, "X", "X") < 0; /* no vector */
 }
 
-/* R, G, B; else Y; else the first layer that has R, G and B. */
-static enum err choose_channels(struct exr_file *x, const exr_attr_chlist_t *list, int out[3])
+/* The part's name and the prefix, which often begins with it. */
+static void name_layer(const char *part, const char *channel, size_t prefix, char out[FULL_NAME])
 {
-    if (find_rgb(list, "", 0, out))
-        return ERR_OK;
-    const int y = find_channel(list, "", 0, "Y");
-    if (y >= 0) {
-        if (find_channel(list, "", 0, "RY") >= 0 || find_channel(list, "", 0, "BY") >= 0)
-            return err_say(x->why, ERR_UNSUPPORTED, "%s: header: luminance with chroma (Y, RY, BY) is not supported",
-                           x->name);
-        out[0] = out[1] = out[2] = y;
-        return ERR_OK;
-    }
-    for (int c = 0; c < list->num_channels; c++) {
-        const char *name = list->entries[c].name.str;
-        const size_t length = strlen(name);
-        if (length > 2 && strcmp(name + length - 2, ".R") == 0 && find_rgb(list, name, length - 1, out))
-            return ERR_OK;
-    }
-    return err_say(x->why, ERR_UNSUPPORTED, "%s: header: neither channels R, G, B nor Y", x->name);
+    const size_t length = prefix > 0 ? prefix - 1 : 0, known = strlen(part);
+    const bool repeats = length >= known && strncmp(channel, part, known) == 0;
+    char text[FULL_NAME], own[FULL_NAME];
+
+    decode_printable(channel, length, own, sizeof(own));
+    snprintf(text, sizeof(text), "%.70s%s%.70s", repeats ? "" : part, repeats || !known || !length ? "" : ".", own);
+    decode_printable(text, sizeof(text), out, FULL_NAME);
+}
+
+static const char *last_component(const char *name)
+{
+    const char *dot = strrchr(name, '.');
+
+    return dot && dot[1] ? dot + 1 : name;
+}
+
+/* words: separated by commas, also at both ends. */
+static bool is_one_of(const char *name, const char *words)
+{
+    const size_t length = strlen(name);
+
+    for (const char *p = words; p[1]; p += 1 + strcspn(p + 1, ","))
+        if (strncasecmp(p + 1, name, length) == 0 && p[1 + length] == ',')
+            return true;
+    return false;
+}
+
+/* What a renderer's layer of that name holds: 0 and 1 the image, 2 unknown, 3 a part of it or no light at all. Names of
+ * Blender, V-Ray, Arnold, RenderMan, Redshift, Octane and Nuke. */
+static int rank_of(const char *name)
+{
+    static const char images[] = ",combined,beauty,rgb,rgba,color,colour,ci,c,composite,image,main,effectsresult,";
+    static const char others[] =
+        ",ao,ambient occlusion,ambientocclusion,occlusion,albedo,basecolor,diffcol,glosscol,transcol,normal,normals,n,"
+        "position,p,pref,uv,depth,z,zdepth,mist,shadow,shadows,matte,mask,alpha,id,indexob,indexma,vector,velocity,"
+        "motion,motionvector,variance,";
+    const char *last = last_component(name);
+
+    if (!name[0] || is_one_of(last, images))
+        return name[0] != 0;
+    return is_one_of(last, others) || strncasecmp(last, "crypto", 6) == 0 || strncasecmp(last, "denois", 6) == 0 ? 3
+                                                                                                                 : 2;
+}
+
+/* The user's name for a layer: all of it, or what follows a dot. */
+static bool is_called(const char *name, const char *wanted)
+{
+    const size_t n = strlen(name), m = strlen(wanted);
+
+    return m <= n && strcasecmp(name + n - m, wanted) == 0 && (m == n || name[n - m - 1] == '.');
 }
 
 /* Rejects any subsampled channel, even an unused one: such a part counts its chunks differently. */
@@ -245,49 +307,111 @@ static enum err check_channels(struct exr_file *x, const exr_attr_chlist_t *list
     return ERR_OK;
 }
 
-static enum err try_part(struct exr_file *x, int part)
+/* Opens a part. Its channels are in *list, which the library owns. */
+static enum err open_part(struct exr_file *x, int part, const exr_attr_chlist_t **list)
 {
     exr_storage_t storage = EXR_STORAGE_LAST_TYPE;
-    const exr_attr_chlist_t *list = NULL;
-    int chosen[3];
     exr_result_t r = exr_get_storage(x->context, part, &storage);
 
     if (r == EXR_ERR_SUCCESS)
-        r = exr_get_channels(x->context, part, &list);
+        r = exr_get_channels(x->context, part, list);
     if (r == EXR_ERR_SUCCESS)
         r = exr_get_compression(x->context, part, &x->compression);
     if (r != EXR_ERR_SUCCESS)
         return exr_file_say(x, r, "header");
     if (storage != EXR_STORAGE_SCANLINE && storage != EXR_STORAGE_TILED)
         return err_say(x->why, ERR_UNSUPPORTED, "%s: header: deep images are not supported", x->name);
-    if (list->num_channels < 1 || list->num_channels > EXR_CHANNELS_MAX)
-        return err_say(x->why, ERR_RANGE, "%s: header: %d channels; 1 to %d are supported", x->name, list->num_channels,
-                       EXR_CHANNELS_MAX);
+    if ((*list)->num_channels < 1 || (*list)->num_channels > EXR_CHANNELS_MAX)
+        return err_say(x->why, ERR_RANGE, "%s: header: %d channels; 1 to %d are supported", x->name,
+                       (*list)->num_channels, EXR_CHANNELS_MAX);
     if ((int)x->compression < 0 || x->compression >= EXR_COMPRESSION_LAST_TYPE)
         return err_say(x->why, ERR_UNSUPPORTED, "%s: header: compression %d is unknown", x->name, (int)x->compression);
     x->part = part;
     x->tiled = storage == EXR_STORAGE_TILED;
-    const enum err e = choose_channels(x, list, chosen);
-    return e ? e : check_channels(x, list, chosen);
+    return ERR_OK;
 }
 
-/* Picks the first part that can be read; if there is none, reports the first part's fault. */
-static enum err choose_part(struct exr_file *x)
+struct search {
+    const char *wanted; /* by the user; NULL: by meaning */
+    struct exr_layer best;
+    bool many;                 /* parts */
+    unsigned count;            /* of layers that can be read */
+    char others[LAYERS_SHOWN]; /* their names */
+};
+
+static void add_layer(struct search *s, const struct exr_layer *l)
 {
-    int count = 0;
+    const size_t at = strlen(s->others);
+    const char *name = l->name[0] ? l->name : "RGB";
+    const bool called = s->wanted && is_called(name, s->wanted);
+
+    snprintf(s->others + at, sizeof(s->others) - at, "%s%s", s->count ? ", " : "", name);
+    s->count++;
+    if (s->wanted ? called && s->best.part < 0 : s->best.part < 0 || l->rank < s->best.rank)
+        s->best = *l;
+}
+
+/* Adds the part's layers. Without any, reports why. */
+static enum err search_part(struct exr_file *x, int part, struct search *s)
+{
+    const exr_attr_chlist_t *list = NULL;
+    const char *name = NULL;
+    size_t prefix;
+    bool found = false;
+
+    enum err e = open_part(x, part, &list);
+    if (e)
+        return e;
+    if (!s->many || exr_get_name(x->context, part, &name) != EXR_ERR_SUCCESS)
+        name = NULL; /* a file's only part has its name for nothing */
+    for (int c = 0; c < list->num_channels; c++) {
+        struct exr_layer l = { .part = part };
+        if (!layer_at(list, c, l.channels, &prefix))
+            continue;
+        const char *channel = list->entries[c].name.str;
+        found = true;
+        if (l.channels[0] == l.channels[1] && (find_channel(list, channel, prefix, "RY", "RY") >= 0 ||
+                                               find_channel(list, channel, prefix, "BY", "BY") >= 0))
+            e = err_say(x->why, ERR_UNSUPPORTED, "%s: header: luminance with chroma (Y, RY, BY) is not supported",
+                        x->name);
+        else
+            e = check_channels(x, list, l.channels);
+        name_layer(name ? name : "", channel, prefix, l.name);
+        /* a lone grey channel is read where there is no colour */
+        l.rank = 2 * rank_of(l.name) + (l.channels[0] == l.channels[1]);
+        if (!e)
+            add_layer(s, &l);
+    }
+    return e || found ? e : err_say(x->why, ERR_UNSUPPORTED, "%s: header: neither channels R, G, B nor Y", x->name);
+}
+
+/* Picks the layer to read, of all parts; if there is none, reports the first part's fault. */
+static enum err choose_layer(struct exr_file *x)
+{
+    struct search s = { .wanted = x->into->layer && x->into->layer[0] ? x->into->layer : NULL, .best.part = -1 };
+    const exr_attr_chlist_t *list = NULL;
     struct reason *const why = x->why;
     struct reason ignored = { "" };
-    const exr_result_t r = exr_get_count(x->context, &count);
+    int count = 0;
 
+    const exr_result_t r = exr_get_count(x->context, &count);
     if (r != EXR_ERR_SUCCESS)
         return exr_file_say(x, r, "header");
-    const enum err first = try_part(x, 0);
-    enum err e = first;
+    s.many = count > 1;
+    const enum err first = search_part(x, 0, &s);
     x->why = &ignored;
-    for (int part = 1; part < count && e; part++)
-        e = try_part(x, part);
+    for (int part = 1; part < count; part++)
+        (void)search_part(x, part, &s);
     x->why = why;
-    return e ? first : ERR_OK;
+    if (s.count == 0)
+        return first;
+    if (s.best.part < 0)
+        return err_say(why, ERR_USAGE, "%s: it has no layer '%s'; its layers are %s", x->name, s.wanted, s.others);
+    const enum err e = open_part(x, s.best.part, &list);
+    if (!e && s.count > 1 && !s.wanted)
+        snprintf(x->note, sizeof(x->note), "its layer %.90s is read, of %.160s; --layer chooses another",
+                 s.best.name[0] ? s.best.name : "RGB", s.others);
+    return e ? e : check_channels(x, list, s.best.channels);
 }
 
 /* Checks the data window against the limits and against the file's size: each chunk has an entry in the offset table
@@ -323,6 +447,35 @@ static enum err check_size(struct exr_file *x)
     return ERR_OK;
 }
 
+/* Where the display window, which is the image's frame, lies about the data window. */
+static enum err take_frame(struct exr_file *x)
+{
+    char where[512];
+    exr_attr_box2i_t w;
+
+    x->frame.width = 0;
+    if (exr_get_display_window(x->context, x->part, &w) != EXR_ERR_SUCCESS)
+        return ERR_OK;
+    const int64_t width = (int64_t)w.max.x - w.min.x + 1, height = (int64_t)w.max.y - w.min.y + 1;
+    const int64_t left = (int64_t)x->left - w.min.x, top = (int64_t)x->top - w.min.y;
+    if (left == 0 && top == 0 && width == x->width && height == x->height)
+        return ERR_OK;
+    if (width < 1 || height < 1 || left >= width || top >= height || left + x->width <= 0 || top + x->height <= 0) {
+        snprintf(x->window, sizeof(x->window), "its display window lies beside its data and is ignored");
+        return ERR_OK;
+    }
+    snprintf(where, sizeof(where), "%s: header: display window", x->name);
+    const enum err e = image_check_size(x->into, (uint64_t)width, (uint64_t)height, where, x->why);
+    if (e)
+        return e;
+    x->frame = (struct exr_frame){ (uint32_t)width, (uint32_t)height, left, top };
+    snprintf(x->window, sizeof(x->window),
+             "its data, %ux%u from (%" PRId64 ", %" PRId64 "), are placed in its display window of %" PRId64 "x%" PRId64
+             ", black where there are none",
+             x->width, x->height, left, top, width, height);
+    return ERR_OK;
+}
+
 static enum err take_colour(struct exr_file *x)
 {
     exr_attr_chromaticities_t a;
@@ -349,6 +502,7 @@ static void take_layout(struct exr_file *x)
 
     if (exr_attr_get_envmap(x->context, x->part, "envmap", &map) != EXR_ERR_SUCCESS)
         map = EXR_ENVMAP_LAST_TYPE;
+    (void)exr_get_pixel_aspect_ratio(x->context, x->part, &x->aspect);
     x->layout = map == EXR_ENVMAP_LATLONG ? LAYOUT_LATLONG : map == EXR_ENVMAP_CUBE ? LAYOUT_CUBE : LAYOUT_AUTO;
 }
 
@@ -360,9 +514,11 @@ static enum err read_header(struct exr_file *x)
     if (!e)
         e = open_header(x);
     if (!e)
-        e = choose_part(x);
+        e = choose_layer(x);
     if (!e)
         e = check_size(x);
+    if (!e)
+        e = take_frame(x);
     if (!e)
         e = take_colour(x);
     if (!e)
@@ -395,6 +551,22 @@ static enum err read_dwa(struct exr_file *x, struct image *im)
     return exr_file_say(x, result == EXR_DWA_NO_MEMORY ? EXR_ERR_OUT_OF_MEMORY : EXR_ERR_CORRUPT_CHUNK, "DWA");
 }
 
+/* Mends the texels, puts them into their frame and notes what was chosen. */
+static enum err finish_image(const struct exr_file *x, struct image *im)
+{
+    image_mend(im);
+    const enum err e =
+        x->frame.width ? image_place(im, x->frame.width, x->frame.height, x->frame.left, x->frame.top) : ERR_OK;
+    if (e)
+        return err_say(x->why, e, "%s: out of memory for %ux%u texels", x->name, x->frame.width, x->frame.height);
+    if (x->note[0])
+        image_note(im, "%s", x->note);
+    if (x->window[0])
+        image_note(im, "%s", x->window);
+    image_take_aspect(im, (double)x->aspect);
+    return ERR_OK;
+}
+
 enum err decode_exr(const uint8_t *bytes, size_t size, const char *name, struct image *im, struct reason *why)
 {
     struct exr_file x = { .bytes = bytes, .size = size, .name = name, .into = im, .why = why };
@@ -414,6 +586,8 @@ enum err decode_exr(const uint8_t *bytes, size_t size, const char *name, struct 
     }
     im->layout = x.layout;
     e = is_dwa(&x) ? read_dwa(&x, im) : exr_chunks_read(&x, im);
+    if (!e)
+        e = finish_image(&x, im);
 done:
     if (x.context)
         exr_finish(&x.context);

@@ -26,6 +26,7 @@ struct hdr {
 
     bool xyz;
     double exposure, correction[3]; /* products of all header lines; texels are divided by both */
+    double aspect;                  /* height per width of a texel, likewise a product */
     bool has_primaries;
     struct chromaticities primaries;
 
@@ -137,6 +138,9 @@ static enum err take_line(struct hdr *h, size_t at, const char *line)
     } else if ((value = after(line, "COLORCORR="))) {
         if (!take_factors(value, 3, h->correction))
             return say_line(h, at, line, ERR_FORMAT, "expected three positive numbers");
+    } else if ((value = after(line, "PIXASPECT="))) {
+        if (!take_factors(value, 1, &h->aspect))
+            return say_line(h, at, line, ERR_FORMAT, "expected one positive number");
     } else if ((value = after(line, "PRIMARIES="))) {
         if (!take_primaries(h, value))
             return say_line(h, at, line, ERR_FORMAT, "expected eight numbers");
@@ -201,7 +205,7 @@ static enum err read_header(struct hdr *h)
 
     if (!next_line(h, line, sizeof(line), &cut))
         return err_say(h->why, ERR_FORMAT, "%s: byte %zu: the header does not end", h->name, h->size);
-    if (strcmp(line, "#?RADIANCE") != 0 && strcmp(line, "#?RGBE") != 0)
+    if (!after(line, "#?")) /* any program's name may follow */
         return say_line(h, at, line, ERR_FORMAT, "expected #?RADIANCE or #?RGBE");
     for (;;) {
         at = h->at;
@@ -414,7 +418,8 @@ enum err decode_hdr(const uint8_t *bytes, size_t size, const char *name, struct 
                      .into = im,
                      .why = why,
                      .exposure = 1.0,
-                     .correction = { 1.0, 1.0, 1.0 } };
+                     .correction = { 1.0, 1.0, 1.0 },
+                     .aspect = 1.0 };
     struct row row = { .rgb = NULL };
     float to_rec709[9];
     bool needed = false;
@@ -437,6 +442,10 @@ enum err decode_hdr(const uint8_t *bytes, size_t size, const char *name, struct 
         e = err_say(why, e, "%s: out of memory for %ux%u texels", name, h.width, h.height);
     else
         e = read_texels(&h, needed ? to_rec709 : NULL, &row, im);
+    if (!e) {
+        image_mend(im);
+        image_take_aspect(im, 1.0 / h.aspect);
+    }
     scratch_free(im->scratch, row.rgb);
     scratch_free(im->scratch, row.plane[0]);
     return e;

@@ -18,6 +18,11 @@ struct exr_source {
     size_t skip; /* bytes of a texel's preceding channels */
 };
 
+struct exr_frame {
+    uint32_t width, height; /* 0: that of the data */
+    int64_t left, top;      /* of the data in it */
+};
+
 struct exr_file {
     const uint8_t *bytes;
     size_t size;
@@ -41,6 +46,10 @@ struct exr_file {
     float to_rec709[9];
 
     enum layout layout;
+    struct exr_frame frame;
+    float aspect;     /* of a pixel, width per height; 0: unknown */
+    char note[320];   /* the layer that was chosen; "": there is no choice */
+    char window[160]; /* where the data were placed; "": they are the whole image */
 };
 
 /* Reports an error at `where` with the library's message or, without one, the text of its code. Returns the matching

@@ -24,6 +24,7 @@ struct frame {
     int64_t capture_us; /* capture time, microseconds since 1970-01-01 UTC; 0: unknown (see source.h) */
     double units;       /* of the texels per W sr^-1 m^-2; 0: unknown, so that they are relative to each other alone */
     char name[256];     /* for messages: a file's path or a description of the sky */
+    double turn;        /* degrees about +Y, in addition to the rotation of what takes it */
     char layout[16];    /* a layout's name, as layout_parse reads it; "": the file's own, and lat-long for texels */
 
     uint8_t *bytes; /* FRAME_FILE */

@@ -100,12 +100,13 @@ void decoder_take_texels(const struct decoder *d, struct image *im)
 {
     const size_t row = 3 * (size_t)im->width;
     const float *rgb = d->picture.at;
-    struct image_faults ignored = { 0 };
 
+    im->faults = (struct image_faults){ .nan = 0 };
     for (size_t at = 0; at < row * im->height; at += row) {
         memcpy(im->rgb + at, rgb + at, row * sizeof(float));
-        image_sanitise_texels(im->rgb + at, im->width, NULL, &ignored);
+        image_sanitise_texels(im->rgb + at, im->width, NULL, &im->faults);
     }
+    image_mend(im);
 }
 
 /* Returns a running process, starting one if necessary. */
@@ -204,6 +205,7 @@ enum err decoder_decode(void *context, const uint8_t *bytes, size_t size, const 
 
     atomic_fetch_add(&d->files, 1);
     snprintf(q.name, sizeof(q.name), "%s", name);
+    snprintf(q.layer, sizeof(q.layer), "%s", im->layer ? im->layer : "");
     enum err e = decoder_exchange(d, &q, bytes, &a, why);
     if (e)
         return e;
@@ -212,10 +214,11 @@ enum err decoder_decode(void *context, const uint8_t *bytes, size_t size, const 
         return decoder_report_invalid(d, name, why);
     if (e)
         return err_say(why, e, "%s: out of memory for %ux%u texels", name, a.width, a.height);
+    decoder_take_texels(d, im);
     im->layout = (enum layout)a.layout;
     im->faults = (struct image_faults){ a.nan, a.infinite, a.negative, a.clipped };
     im->low_range = a.low_range == 1;
-    decoder_take_texels(d, im);
+    decode_printable(a.note, sizeof(a.note), im->note, sizeof(im->note));
     decoder_trim(&d->picture, 3 * sizeof(float) * (size_t)im->width * im->height);
     return ERR_OK;
 }

@@ -28,7 +28,8 @@ MUST_CHECK enum err decoder_exchange(struct decoder *d, const struct wire_reques
 /* What the answer says is not valid: counts that, delays the restart and says so. */
 enum err decoder_report_invalid(struct decoder *d, const char *name, struct reason *why);
 
-/* Copies the shared texels into im->rgb, which has room for them. */
+/* Copies the shared texels into im->rgb, which has room for them, and counts what had to be corrected: nothing, unless
+ * the process was taken over. */
 void decoder_take_texels(const struct decoder *d, struct image *im);
 
 /* Returns memory to the system that only much larger contents than `bytes` needed. */

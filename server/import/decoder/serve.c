@@ -21,7 +21,9 @@ static int serve(const uint8_t *file, size_t file_bytes, float *picture, const s
     while (helper_receive(&q, sizeof(q)) && q.max_side <= IMAGE_MAX_SIDE && q.size <= file_bytes) {
         struct wire_answer a = { .magic = WIRE_MAGIC };
         q.name[sizeof(q.name) - 1] = 0;
+        q.layer[sizeof(q.layer) - 1] = 0;
         im.max_side = q.max_side;
+        im.layer = q.layer;
         if (q.kind == WIRE_IMAGE)
             a.result = (int32_t)work->decode(file, (size_t)q.size, q.name, &im, &a.why);
         else if (work->video)
@@ -36,6 +38,7 @@ static int serve(const uint8_t *file, size_t file_bytes, float *picture, const s
         a.negative = im.faults.negative;
         a.clipped = im.faults.clipped;
         a.low_range = im.low_range;
+        snprintf(a.note, sizeof(a.note), "%s", im.note);
         if (!helper_send(&a, sizeof(a)))
             return 1;
     }

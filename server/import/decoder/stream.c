@@ -4,6 +4,7 @@
 #include "import/decoder/wire.h"
 
 #include <libavcodec/avcodec.h>
+#include <libavutil/stereo3d.h>
 #include <string.h>
 
 struct stream {
@@ -12,6 +13,7 @@ struct stream {
     AVFrame *picture; /* the last that was decoded, until there is another; width 0: none */
     AVFrame *next;
     struct texels texels;
+    struct stream_format format;
     bool draining;
 };
 
@@ -128,6 +130,7 @@ static enum err begin(struct stream *s, const struct wire_request *q, const uint
         return err_say(why, ERR_RANGE, "%s: invalid request", q->name);
     s->texels.override = (enum signal_transfer)q->transfer;
     s->texels.peak_cdm2 = q->peak_cdm2;
+    s->format = q->format;
     return open_codec(s, q, bytes, why);
 }
 
@@ -158,6 +161,7 @@ static enum err take_packet(struct stream *s, const struct wire_request *q, cons
         return err_say(&a->why, ERR_NOMEM, "%s: out of memory for a packet", q->name);
     memcpy(s->packet->data, bytes, q->size);
     s->packet->pts = q->time_us;
+    s->packet->flags |= q->hidden ? AV_PKT_FLAG_DISCARD : 0;
     const int sent = avcodec_send_packet(s->codec, s->packet);
     av_packet_unref(s->packet);
     if (sent < 0 && sent != AVERROR(EAGAIN))
@@ -182,11 +186,57 @@ static enum err flush(struct stream *s)
     return ERR_OK;
 }
 
+/* What the container says, else the codec's own messages. */
+static uint32_t stereo_of(const struct stream *s)
+{
+    const AVFrameSideData *side = av_frame_get_side_data(s->picture, AV_FRAME_DATA_STEREO3D);
+    const AVStereo3D *own = side ? (const void *)side->data : NULL;
+    const bool inverted = own && own->flags & AV_STEREO3D_FLAG_INVERT;
+
+    if (s->format.stereo != STEREO_NONE || !own)
+        return s->format.stereo;
+    return own->type == AV_STEREO3D_TOPBOTTOM    ? STEREO_TOP + inverted
+           : own->type == AV_STEREO3D_SIDEBYSIDE ? STEREO_LEFT + inverted
+                                                 : STEREO_NONE;
+}
+
+static unsigned orientation_of(const struct stream *s)
+{
+    const AVFrameSideData *side = av_frame_get_side_data(s->picture, AV_FRAME_DATA_DISPLAYMATRIX);
+
+    return s->format.orientation > 1 || !side ? s->format.orientation : image_orientation_of((const void *)side->data);
+}
+
+/* One eye, upright. */
+static enum err place(const struct stream *s, struct image *im)
+{
+    const uint32_t stereo = stereo_of(s), w = im->width, h = im->height;
+    const unsigned orientation = orientation_of(s);
+    const double aspect = (double)s->format.aspect;
+    enum err e = ERR_OK;
+
+    im->layout = (enum layout)s->format.layout;
+    if (stereo != STEREO_NONE && im->layout == LAYOUT_AUTO && w == 2 * h) /* each eye is squeezed to half its size */
+        im->layout = LAYOUT_LATLONG;
+    if (stereo != s->format.stereo)
+        image_note(im, "stereo: the left eye is used");
+    if ((stereo == STEREO_TOP || stereo == STEREO_BOTTOM) && h > 1)
+        e = image_place(im, w, h / 2, 0, stereo == STEREO_TOP ? 0 : -(int64_t)(h / 2));
+    if ((stereo == STEREO_LEFT || stereo == STEREO_RIGHT) && w > 1)
+        e = image_place(im, w / 2, h, stereo == STEREO_LEFT ? 0 : -(int64_t)(w / 2), 0);
+    if (!e)
+        e = image_orient(im, orientation);
+    image_take_aspect(im, orientation >= 5 && aspect > 0.0 ? 1.0 / aspect : aspect);
+    return e;
+}
+
 static enum err convert(struct stream *s, const struct wire_request *q, struct image *im, struct wire_answer *a)
 {
     if (s->picture->width <= 0)
         return err_say(&a->why, ERR_FORMAT, "%s: no frame was decoded", q->name);
-    const enum err e = texels_convert(&s->texels, s->picture, q->name, im, &a->why);
+    enum err e = texels_convert(&s->texels, s->picture, q->name, im, &a->why);
+    if (!e && place(s, im))
+        e = err_say(&a->why, ERR_NOMEM, "%s: out of memory to place its image", q->name);
     if (!e) {
         a->picture = s->texels.signal->transfer;
         a->assumed = s->texels.signal->transfer_assumed;

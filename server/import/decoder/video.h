@@ -4,6 +4,7 @@
 #pragma once
 
 #include "image/codec/frame.h"
+#include "image/codec/image.h"
 #include "image/codec/signal.h"
 #include "image/codec/stream_format.h"
 #include "import/decoder/decoder.h"
@@ -35,10 +36,17 @@ struct video_image {
     int64_t time_us; /* its time stamp, or VIDEO_NO_TIME */
 };
 
+struct video_packet {
+    const uint8_t *bytes;
+    size_t size;
+    int64_t time_us;
+    bool hidden; /* its image is not wanted, except by later packets */
+};
+
 /* The packet's first image. Call video_next until it has none, before the next packet. ERR_FORMAT: the packet is
  * damaged; the stream continues if video_is_open. */
-MUST_CHECK enum err video_packet(struct decoder *d, const struct video_desc *desc, const uint8_t *bytes, size_t size,
-                                 int64_t time_us, struct video_image *out, struct reason *why);
+MUST_CHECK enum err video_packet(struct decoder *d, const struct video_desc *desc, const struct video_packet *packet,
+                                 struct video_image *out, struct reason *why);
 MUST_CHECK enum err video_next(struct decoder *d, const struct video_desc *desc, struct video_image *out,
                                struct reason *why);
 /* After the last packet: the images held back, one a call. */
@@ -50,6 +58,8 @@ MUST_CHECK enum err video_flush(struct decoder *d, const struct video_desc *desc
 struct video_state {
     enum signal_transfer transfer; /* of the image */
     bool assumed;                  /* the stream does not state it */
+    enum layout layout;            /* by the metadata; AUTO: none */
+    char note[320];                /* as image.note */
 };
 
 /* The texels of the last image: linear Rec.709, cd/m^2, as FRAME_TEXELS. ERR_UNSUPPORTED: its pixel format or colour.

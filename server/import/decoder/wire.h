@@ -27,9 +27,11 @@ struct wire_request {
     uint32_t transfer;           /* STREAM: enum signal_transfer that overrides the stream's; AUTO: none */
     uint64_t size;               /* bytes of the file */
     int64_t time_us;             /* PACKET: its time stamp */
+    uint32_t hidden;             /* PACKET: 1: its image is not wanted */
     double peak_cdm2;            /* STREAM: as signal_desc */
     struct stream_format format; /* STREAM */
     char name[256];
+    char layer[64]; /* IMAGE: as image.layer */
 };
 
 struct wire_answer {
@@ -42,4 +44,5 @@ struct wire_answer {
     uint32_t low_range; /* IMAGE: as image.low_range */
     uint64_t nan, infinite, negative, clipped;
     struct reason why;
+    char note[320]; /* IMAGE, CONVERT: as image.note */
 };

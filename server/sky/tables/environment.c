@@ -6,6 +6,7 @@
 #include "sky/tables/layout.h"
 #include "sky/tables/pyramid.h"
 #include "sky/tables/resample.h"
+#include "sky/tables/sky_table.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -18,6 +19,7 @@
 #define DEFAULT_N 256 /* of a cube face: the resolution of a lat-long map of 1024 x 512 */
 #define MAX_N 1024    /* bounds tables, and arrays on the stack */
 #define BAND 8        /* rows of a face per band, as in resample.h */
+#define SAID_STRETCHED (IMAGE_SAID_LAST << 1)
 
 /* The state of deferred work (see lean). */
 struct environment_rest {
@@ -92,12 +94,14 @@ void environment_destroy(struct environment *e)
 void environment_configure(struct environment *e, const struct environment_desc *desc)
 {
     e->layout = desc->layout;
-    e->rotation = desc->rotation_degrees * PI / 180.0;
+    e->rotation = e->configured = desc->rotation_degrees * PI / 180.0;
+    e->sun_azimuth = desc->sun_azimuth;
     e->gain = (float)exp2(desc->scale_stops);
     e->calibrated = desc->calibrated;
     e->lean = desc->lean;
     e->decoder = desc->decoder;
     e->max_side = desc->max_side;
+    e->layer = desc->layer;
 }
 
 /* Layouts take precedence in this order: the user's, the sender's, the file's. A sender's "" has no meaning. Neither
@@ -171,6 +175,7 @@ static enum err decode_faces(struct environment *e, const struct frame *f, struc
     }
     e->image.layout = LAYOUT_CUBE;
     e->image.low_range = e->face.low_range;
+    memcpy(e->image.note, e->face.note, sizeof(e->image.note));
     return result;
 }
 
@@ -184,6 +189,7 @@ static void take_texels(struct image *im, const struct frame *f)
         memcpy(im->rgb + at, f->rgb + at, row * sizeof(float));
         image_sanitise_texels(im->rgb + at, f->width, NULL, &im->faults);
     }
+    image_mend(im);
     im->layout = LAYOUT_LATLONG;
     im->low_range = false;
 }
@@ -194,6 +200,7 @@ enum err environment_decode(struct environment *e, const struct frame *f, struct
 
     e->ready = false;
     e->image.max_side = e->face.max_side = e->max_side;
+    e->image.layer = e->face.layer = e->layer;
     if (f->kind == FRAME_FILE && f->faces[0]) {
         result = decode_faces(e, f, why);
     } else if (f->kind == FRAME_FILE) {
@@ -215,6 +222,7 @@ enum err environment_decode(struct environment *e, const struct frame *f, struct
         return result;
     image_trim(&e->image);
     image_trim(&e->face);
+    e->rotation = e->configured + f->turn * PI / 180.0;
     e->units = f->units;
     e->number = f->number;
     e->capture_us = f->capture_us;
@@ -319,7 +327,7 @@ static void sum_faces(struct environment *e)
     e->ready = true;
 }
 
-enum err environment_rebuild(struct environment *e, struct reason *why)
+static enum err rebuild(struct environment *e, struct reason *why)
 {
     const uint32_t n = e->n, bands = (n + BAND - 1) / BAND;
     enum layout layout;
@@ -341,6 +349,17 @@ enum err environment_rebuild(struct environment *e, struct reason *why)
     atomic_store(&e->rest->pyramid_made, !e->lean);
     sum_faces(e);
     return ERR_OK;
+}
+
+enum err environment_rebuild(struct environment *e, struct reason *why)
+{
+    struct sun_place sun;
+    const enum err result = rebuild(e, why);
+
+    if (result || e->sun_azimuth <= 0.0 || !sky_find_sun(e, &sun))
+        return result;
+    e->rotation = remainder(e->rotation + (sun.azimuth - e->sun_azimuth) * PI / 180.0, 2.0 * PI);
+    return rebuild(e, why);
 }
 
 /* ---- Faces of another process ---- */
@@ -451,26 +470,17 @@ enum err environment_update(struct environment *e, const struct frame *f, struct
     return result ? result : environment_rebuild(e, why);
 }
 
-void environment_warn_clipped(const struct environment *e, bool *warned)
+void environment_report(const struct environment *e, unsigned *said)
 {
+    const struct image *im = &e->image;
     const bool stretched = (e->layout == LAYOUT_LATLONG || e->layout == LAYOUT_LATLONG_BOTTOM_FIRST) &&
-                           e->image.width != 2 * e->image.height;
+                           im->layout != LAYOUT_LATLONG && im->width != 2 * im->height;
 
-    if (*warned || (e->image.faults.clipped == 0 && !e->image.low_range && !stretched))
-        return;
-    *warned = true;
-    if (stretched)
-        log_warning("%s: %ux%u is not 2:1, the aspect ratio of a lat-long image: it is stretched", e->name,
-                    e->image.width, e->image.height);
-    if (e->image.faults.clipped == 0 && !e->image.low_range)
-        return;
-    if (e->image.low_range) {
-        log_warning("%s: not HDR: values brighter than white, such as the sun, are clipped", e->name);
-        return;
-    }
-    log_warning("%s: %" PRIu64 " values are 65504, the largest half float: the capture may have been clipped. "
-                "Capture at a lower exposure and compensate with --scale STOPS",
-                e->name, e->image.faults.clipped);
+    if (stretched && !(*said & SAID_STRETCHED))
+        log_warning("%s: %ux%u is not 2:1, the aspect ratio of a lat-long image: it is stretched", e->name, im->width,
+                    im->height);
+    *said |= stretched ? SAID_STRETCHED : 0;
+    image_report(im, e->name, said);
 }
 
 uint32_t environment_evaluate(const struct environment *e, const float w[3], float rgb[3], float *pdf)

@@ -29,12 +29,15 @@ struct environment {
     struct image image; /* as decoded, before gain and rotation */
     struct image face;  /* buffer for decoding cube face files, one after the other */
     enum layout layout; /* of image */
+    double configured;  /* radians: the rotation without what frame and sun add */
     double rotation;    /* radians about +Y, right-handed */
+    double sun_azimuth; /* as environment_desc.sun_azimuth */
     float gain;         /* 2^scale_stops */
     struct resampler *resampler;
     struct resample_tables *tables;
     const struct image_decoder *decoder; /* NULL: decode_image */
     uint32_t max_side;                   /* maximum side of a frame's image, texels; 0: IMAGE_MAX_SIDE */
+    const char *layer;                   /* as image.layer; borrowed */
 
     uint32_t n;                /* texels along a face's edge */
     struct texel *texels;      /* [6][n][n] */
@@ -58,11 +61,14 @@ struct environment {
 struct environment_desc {
     uint32_t n;         /* 1..1024; 0: 256 */
     enum layout layout; /* LAYOUT_AUTO: the file's */
+    const char *layer;  /* of EXR files, as image.layer; borrowed */
     double rotation_degrees;
+    double sun_azimuth; /* degrees, above 0 and at most 360, from north (+Z) over east (-X): each frame's sun is turned
+                           there, in place of its rotation; a frame without one keeps it. 0: not at all */
     double scale_stops;
     bool calibrated; /* scale_stops makes real units of a captured map */
-    bool lean; /* a rebuild computes only what all methods need and defers the CDFs and the pyramid to
-                  environment_complete */
+    bool lean;       /* a rebuild computes only what all methods need and defers the CDFs and the pyramid to
+                        environment_complete */
     const struct image_decoder *decoder; /* decodes the files of frames; borrowed; NULL: decode_image */
     uint32_t max_side;                   /* maximum side of a frame's image, texels; 0: IMAGE_MAX_SIDE */
     struct resample_tables *tables; /* shared resampling tables (resample_table.h), which must outlive the environment;
@@ -108,9 +114,9 @@ bool environment_has_pyramid(const struct environment *e); /* the pyramid is com
 void environment_get_faces(const struct environment *e, float *rgb);
 void environment_set_faces(struct environment *e, const float *rgb);
 
-/* Logs one warning, the first time that a sequence contains values at the largest half float, LDR images (either may
- * clip the sun), or a lat-long image whose shape is not 2:1. *warned remembers the warning; initialise it to false. */
-void environment_warn_clipped(const struct environment *e, bool *warned);
+/* Logs what was mended, chosen or ignored in the frame's file, and what may clip the sun, each kind the first time that
+ * a sequence has it. *said remembers the kinds; initialise it to 0. */
+void environment_report(const struct environment *e, unsigned *said);
 
 /* The unit of radiance, gain included, for reports: "W sr^-1 m^-2", or "relative" where a captured map or another scale
  * leaves it open. Static. */

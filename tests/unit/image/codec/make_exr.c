@@ -64,18 +64,23 @@ static void write_part_header(exr_context_t ctx, const struct exr_recipe *r, int
 {
     const exr_attr_box2i_t data = { .min = { .x = r->left, .y = r->top },
                                     .max = { .x = r->left + r->width - 1, .y = r->top + r->height - 1 } };
-    const exr_attr_box2i_t display = { .min = { .x = 0, .y = 0 }, .max = { .x = 9, .y = 9 } };
+    const int32_t *d = r->display;
+    const exr_attr_box2i_t display =
+        d ? (exr_attr_box2i_t){ .min = { .x = d[0], .y = d[1] }, .max = { .x = d[2], .y = d[3] } } : data;
     const exr_attr_v2f_t centre = { .x = 0.0f, .y = 0.0f };
     const exr_storage_t storage = r->deep     ? EXR_STORAGE_DEEP_SCANLINE
                                   : r->tile_w ? EXR_STORAGE_TILED
                                               : EXR_STORAGE_SCANLINE;
     const int sampling = r->subsampling ? r->subsampling : 1;
-    char name[16];
+    char name[64];
     int part = 0;
 
-    snprintf(name, sizeof(name), "part%d", number);
+    if (r->name)
+        snprintf(name, sizeof(name), "%s", r->name);
+    else
+        snprintf(name, sizeof(name), "part%d", number);
     must(exr_add_part(ctx, name, storage, &part), "part");
-    must(exr_initialize_required_attr(ctx, part, &display, &data, 1.0f, &centre, 1.0f,
+    must(exr_initialize_required_attr(ctx, part, &display, &data, r->aspect > 0.0f ? r->aspect : 1.0f, &centre, 1.0f,
                                       r->decreasing ? EXR_LINEORDER_DECREASING_Y : EXR_LINEORDER_INCREASING_Y,
                                       r->compression),
          "attributes");

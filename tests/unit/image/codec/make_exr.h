@@ -15,7 +15,10 @@ struct exr_recipe {
     const struct exr_channel *channels;
     exr_compression_t compression;
     int32_t width, height;
-    int32_t left, top;            /* of the data window; the display window is (0, 0) to (9, 9) */
+    int32_t left, top;            /* of the data window */
+    const int32_t *display;       /* int32_t[4]: left, top, right, bottom; NULL: the data window */
+    const char *name;             /* of the part; NULL: a number */
+    float aspect;                 /* of a pixel; 0: 1 */
     int32_t tile_w, tile_h;       /* 0: scanlines */
     exr_tile_level_mode_t levels; /* of tiles; the writer manages rip maps of one row only */
     bool decreasing;              /* rows from the bottom up in the file */

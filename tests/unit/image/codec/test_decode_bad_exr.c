@@ -298,11 +298,11 @@ static void odd_files_decode_or_are_refused_by_name(void **state)
         { "BrightRings", NULL, 800, 800, false, false },
         { "WideColorGamut", NULL, 800, 800, false, true },
         { "stripes", NULL, 100, 50, false, false },
-        { "t05", NULL, 400, 300, false, false },
-        { "t08", NULL, 400, 300, false, false },
-        { "t12", NULL, 400, 300, false, false },
+        { "t05", NULL, 340, 260, false, false },
+        { "t08", NULL, 501, 401, false, false },
+        { "t12", NULL, 400, 300, false, false }, /* its display window is elsewhere */
         { "Garden", NULL, 874, 493, false, false },
-        { "multipart.0001", NULL, 877, 876, false, false },
+        { "multipart.0001", NULL, 2048, 1556, false, false },
         { "ColorCodedLevels", NULL, 512, 512, false, false },
         { "Trunks", "deep", 0, 0, false, false },
     };

@@ -196,7 +196,7 @@ static float odd_value(int c, int32_t x, int32_t y)
 
 static void odd_values_are_put_right_and_counted(void **state)
 {
-    static const float want[8] = { 1.0f, 0.0f, 0.0f, IMAGE_MAX, 0.0f, 65504.0f, 0.0f, 3.0f };
+    static const float want[8] = { 1.0f, 0.0f, 1.0f, 65504.0f, 0.0f, 65504.0f, 0.0f, 3.0f };
     struct image im = { 0 };
     (void)state;
 
@@ -362,6 +362,122 @@ static void of_several_parts_the_first_with_colour_is_read(void **state)
     image_finish(&im);
 }
 
+/* The value of channel c everywhere. */
+static float channel_value(int c, int32_t x, int32_t y)
+{
+    (void)x;
+    (void)y;
+    return (float)(1 + c);
+}
+
+static void check_layer(const struct exr_recipe *parts, int count, const char *wanted, int red, const char *said)
+{
+    struct image im = { .layer = wanted };
+    size_t size;
+    uint8_t *bytes = exr_make_parts(parts, count, &size);
+
+    must_decode(bytes, size, &im);
+    if (im.rgb[0] != (float)(1 + red))
+        fail_msg("%s: channel %g is red, not %d", wanted ? wanted : "by meaning", (double)im.rgb[0] - 1.0, red);
+    if (said ? !strstr(im.note, said) : im.note[0] != 0)
+        fail_msg("'%s' does not say '%s'", im.note, said ? said : "nothing");
+    free(bytes);
+    image_finish(&im);
+}
+
+/* What renderers write beside the image must not light a scene because its name comes first. */
+static void the_layer_that_is_named_like_an_image_is_read_and_the_choice_is_said(void **state)
+{
+    static const struct exr_channel blender[] = { { "V.AO.B", HALF },       { "V.AO.G", HALF },
+                                                  { "V.AO.R", HALF },       { "V.Combined.A", HALF },
+                                                  { "V.Combined.B", HALF }, { "V.Combined.G", HALF },
+                                                  { "V.Combined.R", HALF }, { NULL, HALF } };
+    static const struct exr_channel arnold[] = { { "albedo.B", HALF },   { "albedo.G", HALF },   { "albedo.R", HALF },
+                                                 { "backdrop.B", HALF }, { "backdrop.G", HALF }, { "backdrop.R", HALF },
+                                                 { NULL, HALF } };
+    static const struct exr_channel root[] = { { "B", HALF },        { "G", HALF },        { "R", HALF },
+                                               { "beauty.B", HALF }, { "beauty.G", HALF }, { "beauty.R", HALF },
+                                               { NULL, HALF } };
+    static const struct exr_channel words[] = { { "N.X", HALF },    { "N.Y", HALF },     { "N.Z", HALF },
+                                                { "c.blue", HALF }, { "c.green", HALF }, { "c.red", HALF },
+                                                { NULL, HALF } };
+    static const struct exr_channel vray[] = { { ".B", HALF }, { ".G", HALF }, { ".R", HALF }, { NULL, HALF } };
+    const struct exr_recipe rows[] = { { .channels = blender, .width = 4, .height = 2, .value = channel_value },
+                                       { .channels = arnold, .width = 4, .height = 2, .value = channel_value },
+                                       { .channels = root, .width = 4, .height = 2, .value = channel_value },
+                                       { .channels = words, .width = 4, .height = 2, .value = channel_value },
+                                       { .channels = vray, .width = 4, .height = 2, .value = channel_value } };
+    const struct exr_recipe parts[] = {
+        { .channels = half_rgb, .name = "ao", .width = 4, .height = 2, .value = even_value },
+        { .channels = half_rgba, .name = "beauty", .width = 4, .height = 2, .value = channel_value },
+    };
+    (void)state;
+
+    check_layer(&rows[0], 1, NULL, 6, "layer V.Combined is read, of V.AO, V.Combined");
+    check_layer(&rows[0], 1, "ao", 2, NULL);
+    check_layer(&rows[0], 1, "V.AO", 2, NULL);
+    check_layer(&rows[1], 1, NULL, 5, "layer backdrop");
+    check_layer(&rows[2], 1, NULL, 2, "layer RGB");
+    check_layer(&rows[2], 1, "beauty", 5, NULL);
+    check_layer(&rows[3], 1, NULL, 5, NULL);
+    check_layer(&rows[4], 1, NULL, 2, NULL);
+    check_layer(parts, 2, NULL, 3, "layer beauty is read, of ao, beauty");
+    check_layer(parts, 1, NULL, 3, NULL); /* a single part, by even_value */
+}
+
+static void a_layer_that_is_not_there_is_refused_with_the_names_of_those_that_are(void **state)
+{
+    const struct exr_recipe r = { .channels = layered, .width = 4, .height = 2 };
+    struct image im = { .layer = "moon" };
+    struct reason why;
+    size_t size;
+    uint8_t *bytes = exr_make(&r, &size);
+    (void)state;
+
+    assert_int_equal(decode_image(bytes, size, NAME, &im, &why), ERR_USAGE);
+    assert_string_equal(why.text, NAME ": it has no layer 'moon'; its layers are sky, sun");
+    free(bytes);
+    image_finish(&im);
+}
+
+/* A crop and an overscan, which must not change where a direction's light comes from. */
+static void the_display_window_is_the_frame_of_the_image(void **state)
+{
+    static const int32_t wide[4] = { 0, 0, 15, 7 }, small[4] = { 2, 1, 9, 4 }, aside[4] = { 100, 100, 115, 107 };
+    struct exr_recipe r = { .channels = float_rgb, .width = 6, .height = 5, .left = 4, .top = 2, .display = wide };
+    struct image im = { 0 };
+    (void)state;
+
+    for (int tiles = 0; tiles < 2; tiles++) {
+        size_t size;
+        r.tile_w = r.tile_h = tiles ? 16 : 0;
+        r.display = wide;
+        uint8_t *bytes = exr_make(&r, &size);
+        must_decode(bytes, size, &im);
+        free(bytes);
+        assert_true(im.width == 16 && im.height == 8);
+        for (int32_t y = 0; y < 8; y++)
+            for (int32_t x = 0; x < 16; x++) {
+                const bool inside = x >= 4 && x < 10 && y >= 2 && y < 7;
+                assert_true(im.rgb[3 * (16 * y + x)] == (inside ? recipe_value(2, x - 4, y - 2) : 0.0f));
+            }
+        assert_non_null(strstr(im.note, "display window of 16x8"));
+        r.display = small;
+        bytes = exr_make(&r, &size);
+        must_decode(bytes, size, &im);
+        free(bytes);
+        assert_true(im.width == 8 && im.height == 4);
+        assert_true(im.rgb[0] == 0.0f && im.rgb[3 * (8 * 1 + 2)] == recipe_value(2, 0, 0));
+        r.display = aside;
+        bytes = exr_make(&r, &size);
+        must_decode(bytes, size, &im);
+        free(bytes);
+        assert_true(im.width == 6 && im.height == 5);
+        assert_non_null(strstr(im.note, "ignored"));
+    }
+    image_finish(&im);
+}
+
 static void what_is_not_modelled_is_refused_by_name(void **state)
 {
     static const struct exr_channel integers[] = { { "B", HALF }, { "G", UINT }, { "R", HALF }, { NULL, HALF } };
@@ -405,6 +521,9 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(chromaticities_on_a_line_are_refused),
     cmocka_unit_test(the_envmap_attribute_becomes_the_layout),
     cmocka_unit_test(of_several_parts_the_first_with_colour_is_read),
+    cmocka_unit_test(the_layer_that_is_named_like_an_image_is_read_and_the_choice_is_said),
+    cmocka_unit_test(a_layer_that_is_not_there_is_refused_with_the_names_of_those_that_are),
+    cmocka_unit_test(the_display_window_is_the_frame_of_the_image),
     cmocka_unit_test(what_is_not_modelled_is_refused_by_name),
 };
 

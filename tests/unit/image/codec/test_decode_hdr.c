@@ -165,7 +165,7 @@ static void every_exponent_is_a_power_of_two_and_zero_is_black(void **state)
         texels[4 * e] = texels[4 * e + 1] = texels[4 * e + 2] = 200;
         texels[4 * e + 3] = (uint8_t)e;
     }
-    assert_int_equal(decode_text("#?RGBE\n\n-Y 1 +X 256\n", texels, sizeof(texels), &im, &why), ERR_OK);
+    assert_int_equal(decode_text("#?ANY_PROGRAM\n\n-Y 1 +X 256\n", texels, sizeof(texels), &im, &why), ERR_OK);
     assert_true(im.rgb[0] == 0.0f);
     for (int e = 1; e < 256; e++) {
         const float want = ldexpf(200.0f, e - 136);
@@ -362,7 +362,6 @@ static void headers_without_an_end_are_refused(void **state)
     must_refuse_text("#?RADIANCE", "", 0, ERR_FORMAT, "byte 10: the header does not end");
     must_refuse_text("#?RADIANCE\nEXPOSURE=1\n", "", 0, ERR_FORMAT, "byte 22: the header does not end");
     must_refuse_text("#?RADIANCE\n\n", "", 0, ERR_FORMAT, "byte 12: the line with the image's size is missing");
-    must_refuse_text("#?PNG\n\n-Y 1 +X 1\naaaa", "", 0, ERR_FORMAT, "#?PNG");
 }
 
 static const struct CMUnitTest tests[] = {

@@ -205,11 +205,301 @@ static void a_file_of_more_than_a_megabyte_is_read_whole(void **state)
     tjFree(jpeg);
 }
 
+/* ---- What stands beside the texels ---- */
+
+struct buffer {
+    uint8_t bytes[20000];
+    size_t size;
+};
+
+static void append(struct buffer *b, const void *bytes, size_t size)
+{
+    assert_true(b->size + size <= sizeof(b->bytes));
+    memcpy(b->bytes + b->size, bytes, size);
+    b->size += size;
+}
+
+/* The JPEG with a segment behind its first two bytes. */
+static void append_jpeg(struct buffer *b, uint8_t code, const void *segment, size_t length)
+{
+    unsigned long size;
+    unsigned char *jpeg = make_jpeg(TJPF_RGB, &size);
+    const uint8_t head[4] = { 0xff, code, (uint8_t)((length + 2) >> 8), (uint8_t)(length + 2) };
+
+    append(b, jpeg, 2);
+    append(b, head, 4);
+    append(b, segment, length);
+    append(b, jpeg + 2, size - 2);
+    tjFree(jpeg);
+}
+
+static size_t make_exif(uint8_t *out, uint8_t orientation, bool small)
+{
+    static const uint8_t big[26] = { 'M', 'M', 0, 42, 0, 0, 0, 8, 0, 1, 1, 0x12, 0, 3, 0, 0, 0, 1 },
+                         little[26] = { 'I', 'I', 42, 0, 8, 0, 0, 0, 1, 0, 0x12, 1, 3, 0, 1, 0, 0, 0 };
+
+    memcpy(out, small ? little : big, 26);
+    out[small ? 18 : 19] = orientation;
+    return 26;
+}
+
+static void an_exif_orientation_turns_a_jpeg_upright(void **state)
+{
+    static const uint8_t codes[] = { 3, 6 };
+    (void)state;
+
+    for (int k = 0; k < 4; k++) {
+        uint8_t segment[40] = "Exif\0";
+        struct image im = { 0 };
+        struct buffer b = { .size = 0 };
+        const size_t size = 6 + make_exif(segment + 6, codes[k / 2], k % 2);
+        append_jpeg(&b, 0xe1, segment, size);
+        decode(b.bytes, b.size, &im);
+        /* the left half is (200, 40, 90): by 3 it is on the right, by 6 at the top */
+        must_be(&im, k < 2 ? SIDE - 1 : 0, light_of(200 / 255.0), light_of(40 / 255.0), light_of(90 / 255.0), 0.05);
+        must_be(&im, k < 2 ? 0 : SIDE * (SIDE - 1), light_of(8 / 255.0), light_of(160 / 255.0), light_of(250 / 255.0),
+                0.05);
+        for (size_t n = 6; n < size; n++) { /* cut Exif is none */
+            b.size = 0;
+            append_jpeg(&b, 0xe1, segment, n);
+            decode(b.bytes, b.size, &im);
+        }
+        image_finish(&im);
+    }
+}
+
+#define XMP "http://ns.adobe.com/xap/1.0/\0"
+
+static void a_part_of_a_panorama_lies_where_it_says(void **state)
+{
+    static const char attributes[] =
+        XMP "<rdf:Description GPano:FullPanoWidthPixels=\"64\" GPano:FullPanoHeightPixels='32' "
+            "GPano:CroppedAreaImageWidthPixels=\"32\" GPano:CroppedAreaImageHeightPixels=\"32\" "
+            "GPano:CroppedAreaLeftPixels=\"16\" GPano:CroppedAreaTopPixels=\"0\" GPano:PoseHeadingDegrees=\"90.5\"/>",
+                      elements[] = XMP "<GPano:FullPanoWidthPixels>64</GPano:FullPanoWidthPixels>"
+                                       "<GPano:FullPanoHeightPixels>32</GPano:FullPanoHeightPixels>"
+                                       "<GPano:CroppedAreaImageWidthPixels>32</GPano:CroppedAreaImageWidthPixels>"
+                                       "<GPano:CroppedAreaImageHeightPixels>32</GPano:CroppedAreaImageHeightPixels>"
+                                       "<GPano:CroppedAreaLeftPixels>16</GPano:CroppedAreaLeftPixels>"
+                                       "<GPano:CroppedAreaTopPixels>0</GPano:CroppedAreaTopPixels>";
+    struct image im = { 0 };
+    (void)state;
+
+    for (int k = 0; k < 2; k++) {
+        struct buffer b = { .size = 0 };
+        append_jpeg(&b, 0xe1, k ? elements : attributes, k ? sizeof(elements) - 1 : sizeof(attributes) - 1);
+        decode(b.bytes, b.size, &im);
+        assert_true(im.width == 2 * SIDE && im.height == SIDE); /* half the size that its metadata state */
+        must_be(&im, SIDE / 2 - 1, 0, 0, 0, 0.0);
+        must_be(&im, SIDE / 2, light_of(200 / 255.0), light_of(40 / 255.0), light_of(90 / 255.0), 0.05);
+        assert_non_null(strstr(im.note, "panorama of 32x16"));
+        assert_true((strstr(im.note, "90.5 degrees") != NULL) == (k == 0));
+    }
+    image_finish(&im);
+}
+
+/* A first image and a gain map, which is grey 255 in its left half and 0 in the right. */
+static void make_ultra_hdr(struct buffer *b, uint8_t code, const void *segment, size_t length)
+{
+    static const char first[] = XMP "<x hdrgm:Version=\"1.0\"/>";
+    uint8_t codes[SIDE * SIDE];
+    unsigned char *map = NULL;
+    unsigned long size;
+    const uint8_t head[4] = { 0xff, code, (uint8_t)((length + 2) >> 8), (uint8_t)(length + 2) };
+
+    for (int i = 0; i < SIDE * SIDE; i++)
+        codes[i] = i % SIDE < SIDE / 2 ? 255 : 0;
+    tjhandle tj = tjInitCompress();
+    assert_int_equal(tjCompress2(tj, codes, SIDE, 0, SIDE, TJPF_GRAY, &map, &size, TJSAMP_GRAY, 100, 0), 0);
+    tjDestroy(tj);
+    b->size = 0;
+    append_jpeg(b, 0xe1, first, sizeof(first) - 1);
+    append(b, map, 2);
+    append(b, head, 4);
+    append(b, segment, length);
+    append(b, map + 2, size - 2);
+    tjFree(map);
+}
+
+static void check_gain(const struct buffer *b)
+{
+    struct image im = { 0 };
+    struct reason why;
+
+    if (decode_image(b->bytes, b->size, "picture", &im, &why))
+        fail_msg("%s", why.text);
+    assert_false(im.low_range);
+    must_be(&im, 1, 8 * light_of(200 / 255.0), 8 * light_of(40 / 255.0), 8 * light_of(90 / 255.0), 0.3);
+    must_be(&im, SIDE - 2, light_of(8 / 255.0), light_of(160 / 255.0), light_of(250 / 255.0), 0.05);
+    assert_non_null(strstr(im.note, "8 times white"));
+    image_finish(&im);
+}
+
+static void a_jpeg_with_a_gain_map_is_hdr(void **state)
+{
+    static const char xmp[] = XMP "<x hdrgm:GainMapMin=\"0\" hdrgm:GainMapMax=\"3\" hdrgm:Gamma=\"1\" "
+                                  "hdrgm:OffsetSDR=\"0\" hdrgm:OffsetHDR=\"0\"/>",
+                      lists[] = XMP "<hdrgm:GainMapMin><rdf:Seq><rdf:li>0</rdf:li><rdf:li>0</rdf:li><rdf:li>0</rdf:li>"
+                                    "</rdf:Seq></hdrgm:GainMapMin><hdrgm:GainMapMax><rdf:Seq><rdf:li>3</rdf:li>"
+                                    "<rdf:li>3.0</rdf:li><rdf:li>+3</rdf:li></rdf:Seq></hdrgm:GainMapMax>",
+                      plain[] = XMP "<x depth=\"1\"/>";
+    /* ISO 21496-1: versions 0, one channel, common denominator 1: headrooms 0 and 3, low 0, high 3, gamma 1, offsets 0
+     */
+    static const uint8_t common[28 + 5 + 32] =
+        "urn:iso:std:iso:ts:21496:-1\0\0\0\0\0\x08\0\0\0\1\0\0\0\0\0\0\0\3\0\0\0\0"
+        "\0\0\0\3\0\0\0\1\0\0\0\0\0\0\0";
+    uint8_t apart[28 + 5 + 56] = "urn:iso:std:iso:ts:21496:-1";
+    static const uint8_t numbers[7] = { 0, 6, 0, 6, 2, 0, 0 }; /* each over 2 */
+    struct image im = { 0 };
+    struct buffer b;
+    (void)state;
+
+    for (int k = 0; k < 7; k++) {
+        apart[28 + 5 + 8 * k + 3] = numbers[k];
+        apart[28 + 5 + 8 * k + 7] = 2;
+    }
+    make_ultra_hdr(&b, 0xe1, xmp, sizeof(xmp) - 1);
+    check_gain(&b);
+    make_ultra_hdr(&b, 0xe1, lists, sizeof(lists) - 1);
+    check_gain(&b);
+    make_ultra_hdr(&b, 0xe2, common, sizeof(common));
+    check_gain(&b);
+    make_ultra_hdr(&b, 0xe2, apart, sizeof(apart));
+    check_gain(&b);
+    make_ultra_hdr(&b, 0xe1, plain, sizeof(plain) - 1); /* some other second image */
+    decode(b.bytes, b.size, &im);
+    must_be(&im, 1, light_of(200 / 255.0), light_of(40 / 255.0), light_of(90 / 255.0), 0.05);
+    image_finish(&im);
+}
+
+static void on_write(png_structp png, png_bytep bytes, size_t size)
+{
+    append(png_get_io_ptr(png), bytes, size);
+}
+
+struct png_recipe {
+    int type, depth;
+    double gamma; /* of gAMA; 0: none */
+    bool srgb;
+    const uint8_t *cicp;
+    uint8_t orientation; /* 0: none */
+};
+
+/* 2 x 1 texels; samples as PNG stores them. */
+static void write_png(const struct png_recipe *r, const uint8_t *samples, struct buffer *b)
+{
+    png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, NULL, NULL, NULL);
+    png_infop info = png_create_info_struct(png);
+    uint8_t exif[26];
+
+    b->size = 0;
+    assert_false(setjmp(png_jmpbuf(png)));
+    png_set_write_fn(png, b, on_write, NULL);
+    png_set_IHDR(png, info, 2, 1, r->depth, r->type, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
+                 PNG_FILTER_TYPE_DEFAULT);
+    if (r->gamma > 0.0)
+        png_set_gAMA(png, info, r->gamma);
+    if (r->srgb)
+        png_set_sRGB(png, info, 0);
+    if (r->orientation)
+        png_set_eXIf_1(png, info, (png_uint_32)make_exif(exif, r->orientation, true), exif);
+    if (r->cicp) {
+        png_unknown_chunk chunk = { .name = "cICP", .data = (png_bytep)(uintptr_t)r->cicp, .size = 4 };
+        chunk.location = PNG_HAVE_IHDR;
+        png_set_keep_unknown_chunks(png, PNG_HANDLE_CHUNK_ALWAYS, (png_const_bytep) "cICP", 1);
+        png_set_unknown_chunks(png, info, &chunk, 1);
+    }
+    png_write_info(png, info);
+    png_write_row(png, samples);
+    png_write_end(png, info);
+    png_destroy_write_struct(&png, &info);
+}
+
+/* 16 bits are the same light as 8: by sRGB's curve, whatever the alpha. */
+static void a_png_of_16_bits_is_light_as_one_of_8_is(void **state)
+{
+    static const uint8_t rgb[12] = { 63, 63, 63, 63, 63, 63, 1, 1, 1, 1, 1, 1 };
+    static const uint8_t rgba[16] = { 118, 118, 118, 118, 118, 118, 128, 128, 1, 1, 2, 2, 3, 3, 0, 0 };
+    static const uint8_t grey[8] = { 118, 118, 0, 0, 3, 3, 255, 255 };
+    struct buffer b;
+    struct image im = { 0 };
+    (void)state;
+
+    for (int srgb = 0; srgb < 2; srgb++) {
+        write_png(&(struct png_recipe){ PNG_COLOR_TYPE_RGB, 16, .srgb = srgb }, rgb, &b);
+        decode(b.bytes, b.size, &im);
+        must_be(&im, 0, light_of(63 / 255.0), light_of(63 / 255.0), light_of(63 / 255.0), 1e-6);
+        must_be(&im, 1, light_of(1 / 255.0), light_of(1 / 255.0), light_of(1 / 255.0), 1e-7);
+    }
+    write_png(&(struct png_recipe){ PNG_COLOR_TYPE_RGB_ALPHA, 16 }, rgba, &b);
+    decode(b.bytes, b.size, &im);
+    must_be(&im, 0, light_of(118 / 255.0), light_of(118 / 255.0), light_of(118 / 255.0), 1e-6);
+    must_be(&im, 1, light_of(1 / 255.0), light_of(2 / 255.0), light_of(3 / 255.0), 1e-7);
+    write_png(&(struct png_recipe){ PNG_COLOR_TYPE_GRAY_ALPHA, 16 }, grey, &b);
+    decode(b.bytes, b.size, &im);
+    must_be(&im, 0, light_of(118 / 255.0), light_of(118 / 255.0), light_of(118 / 255.0), 1e-6);
+    for (int depth = 8; depth <= 16; depth += 8) {
+        write_png(&(struct png_recipe){ PNG_COLOR_TYPE_RGB, depth, .gamma = 1.0 }, rgb, &b);
+        decode(b.bytes, b.size, &im);
+        must_be(&im, 0, 63 / 255.0, 63 / 255.0, 63 / 255.0, 1e-6);
+        write_png(&(struct png_recipe){ PNG_COLOR_TYPE_RGB, depth, .gamma = 0.45455 }, rgb, &b);
+        decode(b.bytes, b.size, &im);
+        must_be(&im, 0, light_of(63 / 255.0), light_of(63 / 255.0), light_of(63 / 255.0), 1e-6);
+    }
+    image_finish(&im);
+}
+
+static void a_png_by_pq_is_hdr_with_203_candelas_at_white(void **state)
+{
+    static const uint8_t pq709[4] = { 1, 16, 0, 1 }, srgb[4] = { 1, 13, 0, 1 };
+    /* 0.751827 of PQ is 1000 cd/m^2, 0.58 about 203 [ITU-R BT.2408] */
+    static const uint8_t wide[12] = { 0xc0, 0x77, 0xc0, 0x77, 0xc0, 0x77, 0x94, 0x9d, 0x94, 0x9d, 0x94, 0x9d };
+    static const uint8_t narrow[6] = { 192, 192, 192, 148, 148, 148 };
+    struct buffer b;
+    struct image im = { 0 };
+    struct reason why;
+    (void)state;
+
+    for (int depth = 8; depth <= 16; depth += 8) {
+        write_png(&(struct png_recipe){ PNG_COLOR_TYPE_RGB, depth, .cicp = pq709 }, depth == 8 ? narrow : wide, &b);
+        if (decode_image(b.bytes, b.size, "picture", &im, &why))
+            fail_msg("%s", why.text);
+        assert_false(im.low_range);
+        must_be(&im, 0, 1000.0 / 203.0, 1000.0 / 203.0, 1000.0 / 203.0, depth == 8 ? 0.1 : 0.002);
+        must_be(&im, 1, 1.0, 1.0, 1.0, 0.02);
+        assert_non_null(strstr(im.note, "pq"));
+    }
+    write_png(&(struct png_recipe){ PNG_COLOR_TYPE_RGB, 8, .cicp = srgb }, narrow, &b);
+    decode(b.bytes, b.size, &im);
+    must_be(&im, 0, light_of(192 / 255.0), light_of(192 / 255.0), light_of(192 / 255.0), 1e-4);
+    image_finish(&im);
+}
+
+static void an_exif_orientation_turns_a_png_upright(void **state)
+{
+    static const uint8_t rgb[6] = { 255, 0, 0, 0, 0, 255 };
+    struct buffer b;
+    struct image im = { 0 };
+    (void)state;
+
+    write_png(&(struct png_recipe){ PNG_COLOR_TYPE_RGB, 8, .orientation = 3 }, rgb, &b);
+    decode(b.bytes, b.size, &im);
+    must_be(&im, 0, 0, 0, 1, 1e-6);
+    must_be(&im, 1, 1, 0, 0, 1e-6);
+    image_finish(&im);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_jpeg_is_light_by_the_curve_of_srgb),
     cmocka_unit_test(a_jpeg_that_is_damaged_large_or_of_inks_is_refused),
     cmocka_unit_test(a_png_is_light_whatever_its_depth_and_channels),
     cmocka_unit_test(a_png_that_is_damaged_or_large_is_refused),
+    cmocka_unit_test(an_exif_orientation_turns_a_jpeg_upright),
+    cmocka_unit_test(a_part_of_a_panorama_lies_where_it_says),
+    cmocka_unit_test(a_jpeg_with_a_gain_map_is_hdr),
+    cmocka_unit_test(a_png_of_16_bits_is_light_as_one_of_8_is),
+    cmocka_unit_test(a_png_by_pq_is_hdr_with_203_candelas_at_white),
+    cmocka_unit_test(an_exif_orientation_turns_a_png_upright),
     cmocka_unit_test(other_formats_are_refused_by_their_names),
     cmocka_unit_test(a_file_of_more_than_a_megabyte_is_read_whole),
 };

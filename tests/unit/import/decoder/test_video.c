@@ -54,7 +54,7 @@ static void send(struct decoder *d, int level, int64_t time_us)
     unsigned long size;
     unsigned char *jpeg = grey_jpeg(level, &size);
 
-    if (video_packet(d, &desc, jpeg, size, time_us, &picture, &why))
+    if (video_packet(d, &desc, &(struct video_packet){ jpeg, size, time_us, false }, &picture, &why))
         fail_msg("%s", why.text);
     assert_true(picture.ready);
     assert_int_equal(picture.time_us, time_us);
@@ -125,8 +125,9 @@ static void faults_are_told_by_the_streams_name(void **state)
     assert_false(video_is_open(d));
     assert_int_equal(video_open(d, &desc, &why), ERR_OK);
     must_say(video_convert(d, &desc, &f, &seen, &why), ERR_FORMAT, &why, "no frame was decoded");
-    must_say(video_packet(d, &desc, (const uint8_t *)"no JPEG at all", 14, 0, &picture, &why), ERR_FORMAT, &why,
-             "a packet cannot be decoded: Invalid data");
+    must_say(video_packet(d, &desc, &(struct video_packet){ (const uint8_t *)"no JPEG at all", 14, 0, false }, &picture,
+                          &why),
+             ERR_FORMAT, &why, "a packet cannot be decoded: Invalid data");
     assert_true(video_is_open(d)); /* the stream goes on */
     send(d, 120, 5);
     must_show(d, 120.0);

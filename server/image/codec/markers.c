@@ -1,0 +1,254 @@
+#include "image/codec/markers.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static size_t big(const uint8_t *at, int bytes)
+{
+    size_t v = 0;
+
+    while (bytes-- > 0)
+        v = v << 8 | *at++;
+    return v;
+}
+
+static const uint8_t *find(const uint8_t *in, size_t size, const void *text, size_t length)
+{
+    for (size_t i = 0; i + length <= size; i++)
+        if (in[i] == *(const uint8_t *)text && memcmp(in + i, text, length) == 0)
+            return in + i;
+    return NULL;
+}
+
+/* ---- Exif: a TIFF directory ---- */
+
+#define TAG_ORIENTATION 0x112
+
+unsigned markers_orientation(const uint8_t *tiff, size_t size)
+{
+    if (size < 14 || (memcmp(tiff, "II*\0", 4) != 0 && memcmp(tiff, "MM\0*", 4) != 0))
+        return 0;
+    const bool small = tiff[0] == 'I';
+    const uint8_t *p = tiff + 4;
+    const size_t at = small ? p[0] | (size_t)p[1] << 8 | (size_t)p[2] << 16 | (size_t)p[3] << 24 : big(p, 4);
+    if (at > size - 2)
+        return 0;
+    p = tiff + at;
+    const size_t count = small ? p[0] | (size_t)p[1] << 8 : big(p, 2);
+    for (size_t i = 0; i < count && at + 2 + 12 * (i + 1) <= size; i++) {
+        const uint8_t *entry = p + 2 + 12 * i;
+        const size_t tag = small ? entry[0] | (size_t)entry[1] << 8 : big(entry, 2);
+        const size_t value = small ? entry[8] | (size_t)entry[9] << 8 : big(entry + 8, 2);
+        if (tag == TAG_ORIENTATION)
+            return value >= 1 && value <= 8 ? (unsigned)value : 0;
+    }
+    return 0;
+}
+
+/* ---- JPEG ---- */
+
+static bool take(const uint8_t *at, size_t size, const char *name, size_t length, struct marker *out)
+{
+    if (size < length || memcmp(at, name, length) != 0)
+        return false;
+    if (!out->at)
+        *out = (struct marker){ at + length, size - length };
+    return true;
+}
+
+/* The contents of a segment. */
+static void take_segment(uint8_t code, const uint8_t *at, size_t size, struct markers *m)
+{
+    struct marker exif = { .size = 0 };
+
+    if (code == 0xe1 && take(at, size, "Exif\0", 6, &exif) && m->orientation == 0)
+        m->orientation = markers_orientation(exif.at, exif.size);
+    if (code == 0xe1)
+        (void)take(at, size, "http://ns.adobe.com/xap/1.0/", 29, &m->xmp);
+    if (code == 0xe2 && !take(at, size, "ICC_PROFILE", 12, &m->icc))
+        (void)take(at, size, "urn:iso:std:iso:ts:21496:-1", 28, &m->gain);
+}
+
+void markers_of_jpeg(const uint8_t *bytes, size_t size, struct markers *out)
+{
+    size_t at = 2;
+
+    *out = (struct markers){ .end = size };
+    while (at + 4 <= size) {
+        if (bytes[at] != 0xff || bytes[at + 1] == 0 || (bytes[at + 1] >= 0xd0 && bytes[at + 1] <= 0xd7)) {
+            at++; /* compressed data, which no other marker can interrupt */
+            continue;
+        }
+        const uint8_t code = bytes[at + 1];
+        if (code == 0xff) { /* padding */
+            at++;
+            continue;
+        }
+        if (code == 0xd9) {
+            out->end = at + 2;
+            return;
+        }
+        const size_t length = big(bytes + at + 2, 2);
+        if (length < 2 || length > size - at - 2)
+            return;
+        take_segment(code, bytes + at + 4, length - 2, out);
+        at += 2 + length;
+    }
+}
+
+/* ---- XMP, an XML text: enough of it for numbers ---- */
+
+int markers_numbers(const struct marker *xmp, const char *key, double out[3])
+{
+    const size_t length = strlen(key);
+    const uint8_t *at = xmp->at ? find(xmp->at, xmp->size, key, length) : NULL;
+    int count = 0;
+
+    if (!at)
+        return 0;
+    at += length;
+    const uint8_t *end = xmp->at + xmp->size;
+    while (at < end && (*at == ' ' || *at == '='))
+        at++;
+    if (at == end || (*at != '"' && *at != '\'' && *at != '>'))
+        return 0;
+    const uint8_t *stop =
+        *at == '>' ? find(at, (size_t)(end - at), key, length) : memchr(at + 1, *at, (size_t)(end - at - 1));
+    bool tag = false;
+    for (at++; stop && at < stop && count < 3; at++) {
+        char number[32] = "", *rest;
+        tag = *at == '<' || (tag && *at != '>');
+        if (tag || !memchr("+-.0123456789", *at, 13))
+            continue;
+        for (size_t i = 0; i + 1 < sizeof(number) && at + i < stop && memchr("+-.0123456789eE", at[i], 15); i++)
+            number[i] = (char)at[i];
+        const double v = strtod(number, &rest);
+        if (rest == number || !isfinite(v))
+            return count;
+        out[count++] = v;
+        at += rest - number - 1;
+    }
+    return count;
+}
+
+/* ---- Placement ---- */
+
+static double number(const struct markers *m, const char *key, double otherwise)
+{
+    double v[3] = { otherwise, 0.0, 0.0 };
+
+    (void)markers_numbers(&m->xmp, key, v);
+    return v[0];
+}
+
+/* A part of a panorama [Google's Photo Sphere XMP Metadata]. */
+static enum err place_panorama(const struct markers *m, struct image *im)
+{
+    const double full_width = number(m, "GPano:FullPanoWidthPixels", 0.0);
+    const double full_height = number(m, "GPano:FullPanoHeightPixels", 0.0);
+    const double width = number(m, "GPano:CroppedAreaImageWidthPixels", full_width);
+    const double height = number(m, "GPano:CroppedAreaImageHeightPixels", full_height);
+    const double left = number(m, "GPano:CroppedAreaLeftPixels", 0.0);
+    const double top = number(m, "GPano:CroppedAreaTopPixels", 0.0);
+    const double heading = number(m, "GPano:PoseHeadingDegrees", 0.0);
+
+    if (!m->xmp.at || !find(m->xmp.at, m->xmp.size, "GPano:", 6))
+        return ERR_OK;
+    if (heading != 0.0 || number(m, "GPano:PosePitchDegrees", 0.0) != 0.0 ||
+        number(m, "GPano:PoseRollDegrees", 0.0) != 0.0)
+        image_note(im, "its heading of %.4g degrees, its pitch and its roll are ignored: use --rotate", heading);
+    if (!(width > 0.0 && height > 0.0 && full_width >= width && full_height >= height && full_width < 1e6 &&
+          full_height < 1e6 && left >= 0.0 && top >= 0.0 && left < full_width && top < full_height))
+        return ERR_OK;
+    /* The file may have been scaled since. */
+    const double x = im->width / width, y = im->height / height;
+    const uint32_t w = (uint32_t)lround(full_width * x), h = (uint32_t)lround(full_height * y);
+    if (w == im->width && h == im->height)
+        return ERR_OK;
+    image_note(im, "a part, %ux%u, of a panorama of %ux%u: the rest is black", im->width, im->height, w, h);
+    return image_place(im, w, h, lround(left * x), lround(top * y));
+}
+
+static bool is_srgb(const struct marker *icc)
+{
+    return find(icc->at, icc->size, "sRGB", 4) || find(icc->at, icc->size, "s\0R\0G\0B", 7);
+}
+
+enum err markers_place(const struct markers *m, struct image *im)
+{
+    if (m->icc.at && !is_srgb(&m->icc))
+        image_note(im, "its ICC profile is ignored: it is read as sRGB");
+    const enum err e = image_orient(im, m->orientation);
+    return e ? e : place_panorama(m, im);
+}
+
+/* ---- Gain maps ---- */
+
+static void all_three(const struct markers *m, const char *key, double otherwise, double out[3])
+{
+    out[0] = otherwise;
+    const int count = markers_numbers(&m->xmp, key, out);
+    if (count < 3)
+        out[1] = out[2] = out[0];
+}
+
+/* A quotient of 32-bit numbers; *at moves on. With `common`, both have one denominator. */
+static double quotient(const uint8_t **at, double common)
+{
+    const double n = (double)(int32_t)(uint32_t)big(*at, 4);
+
+    *at += 4;
+    if (common > 0.0)
+        return n / common;
+    const double d = (double)(uint32_t)big(*at, 4);
+    *at += 4;
+    return d > 0.0 ? n / d : NAN;
+}
+
+/* ISO 21496-1, Annex C: versions, flags, headrooms, then five quotients for one channel or each of three. */
+static bool take_binary(const struct marker *iso, struct gain_map *g)
+{
+    if (iso->size < 5 || big(iso->at, 2) != 0)
+        return false;
+    const uint8_t flags = iso->at[4];
+    const bool is_common = flags & 0x08;
+    const int channels = flags & 0x80 ? 3 : 1;
+    const uint8_t *at = iso->at + 5;
+    const size_t pair = is_common ? 4 : 8;
+    if ((flags & 0x04) || iso->size < 5 + (is_common ? 4 : 0) + 2 * pair + 5 * pair * (size_t)channels)
+        return false;
+    const double common = is_common ? (double)big(at, 4) : 0.0;
+    at += (is_common ? 4 : 0) + 2 * pair;
+    double *const rows[5] = { g->low, g->high, g->gamma, g->base, g->alternate };
+    for (int c = 0; c < 3; c++)
+        for (int k = 0; k < 5; k++)
+            rows[k][c] = c < channels ? quotient(&at, common) : rows[k][0];
+    return true;
+}
+
+static bool take_xmp(const struct markers *m, struct gain_map *g)
+{
+    double high[3];
+
+    if (markers_numbers(&m->xmp, "hdrgm:GainMapMax", high) == 0 ||
+        find(m->xmp.at, m->xmp.size, "BaseRenditionIsHDR=\"True\"", 25))
+        return false;
+    all_three(m, "hdrgm:GainMapMin", 0.0, g->low);
+    all_three(m, "hdrgm:GainMapMax", 0.0, g->high);
+    all_three(m, "hdrgm:Gamma", 1.0, g->gamma);
+    all_three(m, "hdrgm:OffsetSDR", 1.0 / 64.0, g->base);
+    all_three(m, "hdrgm:OffsetHDR", 1.0 / 64.0, g->alternate);
+    return true;
+}
+
+bool markers_gain(const struct markers *m, struct gain_map *out)
+{
+    if (!take_xmp(m, out) && !(m->gain.at && take_binary(&m->gain, out)))
+        return false;
+    for (int c = 0; c < 3; c++)
+        if (!(fabs(out->low[c]) < 64.0 && fabs(out->high[c]) < 64.0 && out->gamma[c] > 1e-3 && out->gamma[c] < 1e3 &&
+              fabs(out->base[c]) < 1e3 && fabs(out->alternate[c]) < 1e3))
+            return false;
+    return true;
+}
