@@ -212,6 +212,8 @@ static void check_format(struct stream_format *f)
         f->rate = 0.0;
     if (f->layout > LAYOUT_LAST)
         f->layout = LAYOUT_AUTO;
+    if (!(f->aspect > 0.0f && f->aspect < 100.0f))
+        f->aspect = 0.0f;
 }
 
 static enum err ask_open(struct demux *d, const char *url, struct reason *why)
@@ -334,7 +336,9 @@ enum err demux_next(struct demux *d, int wait_ms, struct demux_item *out, struct
         return err_say(why, ERR_FORMAT, "%s: " PROGRAM " sent an invalid answer", d->name);
     if (a.kind == DEMUX_FORMAT)
         check_format(&a.format);
-    *out = (struct demux_item){ (enum demux_event)a.kind, a.format, d->packet.at, a.size, a.time_us, a.key == 1 };
+    *out = (struct demux_item){
+        (enum demux_event)a.kind, a.format, d->packet.at, a.size, a.time_us, a.key == 1, a.hidden == 1
+    };
     return ERR_OK;
 }
 

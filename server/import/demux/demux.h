@@ -68,6 +68,7 @@ struct demux_item {
     size_t size;
     int64_t time_us; /* PACKET: its time stamp, INT64_MIN: none */
     bool key;
+    bool hidden; /* PACKET: to be decoded for those that refer to it, but not shown */
 };
 
 /* Waits up to wait_ms for what comes next. ERR_END: the stream is over. ERR_IO, ERR_FORMAT, ERR_RANGE: it failed,

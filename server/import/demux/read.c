@@ -8,8 +8,10 @@
 
 #include <dlfcn.h>
 #include <libavformat/avformat.h>
+#include <libavutil/display.h>
 #include <libavutil/pixdesc.h>
 #include <libavutil/spherical.h>
+#include <libavutil/stereo3d.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
@@ -163,6 +165,10 @@ static enum err say_failed(const struct reading *r, struct demux_answer *a, cons
                        complaint);
     if (refused && r->desc.file && strstr(complaint, "Format not on whitelist"))
         return err_say(&a->why, ERR_FORMAT, "it is not a video that this program can read, whatever its name says");
+    if (refused && strstr(complaint, "Format not on whitelist"))
+        return err_say(&a->why, ERR_FORMAT,
+                       "it serves no video that this program can read; images of a web server are no source: download "
+                       "them, or send them with relight-feed");
     if (refused)
         return err_say(
             &a->why, ERR_UNSUPPORTED,
@@ -328,8 +334,22 @@ static int64_t to_us(int64_t time, AVRational base)
     return time == AV_NOPTS_VALUE ? INT64_MIN : av_rescale_q(time, base, AV_TIME_BASE_Q);
 }
 
+/* Adds to the note. */
+static void note(struct stream_format *f, const char *format, ...) PRINTF_LIKE(2, 3);
+
+static void note(struct stream_format *f, const char *format, ...)
+{
+    const size_t at = strlen(f->note), between = at > 0 && at + 2 < sizeof(f->note) ? 2 : 0;
+    va_list args;
+
+    memcpy(f->note + at, "; ", between);
+    va_start(args, format);
+    vsnprintf(f->note + at + between, sizeof(f->note) - at - between, format, args);
+    va_end(args);
+}
+
 /* The projection that the container states. */
-static uint8_t find_layout(const AVStream *st, char note[160])
+static uint8_t find_layout(const AVStream *st, struct stream_format *f)
 {
     const AVSphericalMapping *m = (const void *)av_stream_get_side_data(st, AV_PKT_DATA_SPHERICAL, NULL);
     const AVCodecParameters *p = st->codecpar;
@@ -337,22 +357,64 @@ static uint8_t find_layout(const AVStream *st, char note[160])
     if (!m)
         return LAYOUT_AUTO;
     if (m->yaw || m->pitch || m->roll)
-        snprintf(note, 160,
-                 "its spherical metadata turn the image by %d, %d and %d degrees, which are ignored: use --rotate",
-                 m->yaw / 65536, m->pitch / 65536, m->roll / 65536);
+        note(f, "its spherical metadata turn the image by %d, %d and %d degrees, which are ignored: use --rotate",
+             m->yaw / 65536, m->pitch / 65536, m->roll / 65536);
     if (m->projection == AV_SPHERICAL_EQUIRECTANGULAR)
         return LAYOUT_LATLONG;
     if (m->projection == AV_SPHERICAL_CUBEMAP && m->padding == 0)
         return p->width == 6 * p->height ? LAYOUT_CUBE_6X1 : LAYOUT_CUBE_3X2;
-    snprintf(note, 160, "its projection (%s) is not supported; --layout says what it is",
-             m->projection == AV_SPHERICAL_CUBEMAP ? "a cube map with padding"
-                                                   : av_spherical_projection_name(m->projection));
+    note(f, "its projection (%s) is not supported; --layout says what it is",
+         m->projection == AV_SPHERICAL_CUBEMAP ? "a cube map with padding"
+                                               : av_spherical_projection_name(m->projection));
     return LAYOUT_AUTO;
+}
+
+static uint8_t find_stereo(const AVStream *st, struct stream_format *f)
+{
+    const AVStereo3D *s = (const void *)av_stream_get_side_data(st, AV_PKT_DATA_STEREO3D, NULL);
+    const bool inverted = s && s->flags & AV_STEREO3D_FLAG_INVERT;
+
+    if (!s || s->type == AV_STEREO3D_2D)
+        return STEREO_NONE;
+    if (s->type == AV_STEREO3D_TOPBOTTOM || s->type == AV_STEREO3D_SIDEBYSIDE) {
+        note(f, "stereo, %s: the left eye is used",
+             s->type == AV_STEREO3D_TOPBOTTOM ? "one above the other" : "side by side");
+        return (uint8_t)((s->type == AV_STEREO3D_TOPBOTTOM ? STEREO_TOP : STEREO_LEFT) + inverted);
+    }
+    note(f, "both eyes of its stereo (%s) are in the image", av_stereo3d_type_name(s->type));
+    return STEREO_NONE;
+}
+
+static uint8_t find_orientation(const AVStream *st, struct stream_format *f)
+{
+    const int32_t *matrix = (const void *)av_stream_get_side_data(st, AV_PKT_DATA_DISPLAYMATRIX, NULL);
+    const unsigned orientation = matrix ? image_orientation_of(matrix) : 1;
+
+    if (orientation == 0)
+        note(f, "its display matrix, which turns it by %.4g degrees, is ignored: use --rotate",
+             av_display_rotation_get(matrix));
+    return (uint8_t)orientation;
+}
+
+static void find_place(const AVFormatContext *c, AVStream *st, struct stream_format *f)
+{
+    const AVRational aspect = av_guess_sample_aspect_ratio((AVFormatContext *)(uintptr_t)c, st, NULL);
+    const int count = avformat_index_get_entries_count(st);
+    int hidden = 0;
+
+    f->layout = find_layout(st, f);
+    f->stereo = find_stereo(st, f);
+    f->orientation = find_orientation(st, f);
+    f->aspect = aspect.num > 0 && aspect.den > 0 ? (float)av_q2d(aspect) : 0.0f;
+    for (int i = 0; i < count; i++) /* those that an edit list leaves out are decoded, but not shown */
+        hidden += (avformat_index_get_entry(st, i)->flags & AVINDEX_DISCARD_FRAME) != 0;
+    if (hidden > 0)
+        f->frames = (uint64_t)(count - hidden);
 }
 
 static void fill_format(const struct reading *r, struct stream_format *f)
 {
-    const AVStream *st = r->context->streams[r->stream];
+    AVStream *st = r->context->streams[r->stream];
     const AVCodecParameters *p = st->codecpar;
     const AVRational rate =
         st->avg_frame_rate.num > 0 && st->avg_frame_rate.den > 0 ? st->avg_frame_rate : st->r_frame_rate;
@@ -377,7 +439,7 @@ static void fill_format(const struct reading *r, struct stream_format *f)
         .start_us = st->start_time == AV_NOPTS_VALUE ? 0 : to_us(st->start_time, st->time_base),
         .realtime_us = r->context->start_time_realtime > 0 ? r->context->start_time_realtime : 0,
     };
-    f->layout = find_layout(st, f->note);
+    find_place(r->context, st, f);
     snprintf(f->codec_name, sizeof(f->codec_name), "%s", avcodec_get_name(p->codec_id));
 }
 
@@ -498,6 +560,7 @@ enum err reading_next(struct reading *r, struct demux_answer *a)
     a->kind = DEMUX_PACKET;
     a->size = (uint64_t)r->packet->size;
     a->key = (r->packet->flags & AV_PKT_FLAG_KEY) != 0;
+    a->hidden = (r->packet->flags & AV_PKT_FLAG_DISCARD) != 0;
     a->format.realtime_us = r->context->start_time_realtime > 0 ? r->context->start_time_realtime : 0;
     a->time_us = to_us(r->packet->pts != AV_NOPTS_VALUE ? r->packet->pts : r->packet->dts, st->time_base);
     return ERR_OK;

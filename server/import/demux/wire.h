@@ -25,10 +25,11 @@ struct demux_request {
 
 struct demux_answer {
     uint32_t magic;
-    int32_t result; /* enum err; ERR_END: no packet is left */
-    uint32_t kind;  /* NEXT: enum demux_event */
-    uint32_t key;   /* PACKET: 1: a keyframe */
-    uint64_t size;  /* bytes of the packet, or of the codec's extra data */
+    int32_t result;  /* enum err; ERR_END: no packet is left */
+    uint32_t kind;   /* NEXT: enum demux_event */
+    uint32_t key;    /* PACKET: 1: a keyframe */
+    uint32_t hidden; /* PACKET: 1: decoded for others alone */
+    uint64_t size;   /* bytes of the packet, or of the codec's extra data */
     int64_t time_us;
     struct stream_format format; /* FORMAT; PACKET: only realtime_us, which may become known late */
     struct reason why;

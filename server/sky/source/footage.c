@@ -155,7 +155,8 @@ static enum err take_packet(struct footage *f, const struct demux_item *item, st
         return ERR_OK;
     f->await_key = false;
     f->phase = PHASE_MORE;
-    const enum err e = video_packet(f->decoder, &f->video, item->bytes, item->size, item->time_us, picture, &fault);
+    const struct video_packet packet = { item->bytes, item->size, item->time_us, item->hidden };
+    const enum err e = video_packet(f->decoder, &f->video, &packet, picture, &fault);
     return e ? pass_over(f, e, &fault, why) : ERR_OK;
 }
 
@@ -252,6 +253,8 @@ static void tell_colour(struct footage *f, const struct frame *out, const struct
     f->told_colour = true;
     log_info("%s: %s, %ux%u, %.4g frames/s, %s", f->name, f->format.codec_name, out->width, out->height, f->format.rate,
              signal_transfer_name(state->transfer));
+    if (state->note[0])
+        log_warning("%s: %s", f->name, state->note);
     if (state->assumed)
         log_warning("%s: it does not state its transfer function; %s is assumed, set another with --source-transfer",
                     f->name, signal_transfer_name(state->transfer));
@@ -272,8 +275,7 @@ enum err footage_convert(struct footage *f, struct frame *out, struct reason *wh
     }
     tell_colour(f, out, &state);
     snprintf(out->name, sizeof(out->name), "%s", f->name);
-    snprintf(out->layout, sizeof(out->layout), "%s",
-             f->format.layout == LAYOUT_AUTO ? "auto" : layout_name(f->format.layout));
+    snprintf(out->layout, sizeof(out->layout), "%s", layout_name(state.layout));
     return ERR_OK;
 }
 

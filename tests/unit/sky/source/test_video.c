@@ -303,7 +303,8 @@ static void an_image_stays_until_there_is_another(void **state)
     assert_int_equal(video_open(decoder, &d, &why), ERR_OK);
     while (!picture.ready) {
         assert_int_equal(demux_next(demux, 10000, &item, &why), ERR_OK);
-        assert_int_equal(video_packet(decoder, &d, item.bytes, item.size, item.time_us, &picture, &why), ERR_OK);
+        const struct video_packet packet = { item.bytes, item.size, item.time_us, item.hidden };
+        assert_int_equal(video_packet(decoder, &d, &packet, &picture, &why), ERR_OK);
     }
     for (int again = 0; again < 2; again++) {
         while (picture.ready)
