@@ -23,7 +23,9 @@ static enum err add(struct points *p, const struct sensor *s, const char *name, 
 
 /* ---- A file ---- */
 
-static enum err take_line(struct points *p, const char *path, unsigned number, const char *line, struct reason *why)
+/* origin: of the scene; the file has its coordinates. */
+static enum err take_line(struct points *p, const double origin[3], const char *path, unsigned number, const char *line,
+                          struct reason *why)
 {
     double v[6], length;
     const char *at = line;
@@ -42,12 +44,13 @@ static enum err take_line(struct points *p, const char *path, unsigned number, c
     length = sqrt(dot3(v + 3, v + 3));
     if (!(length > 1e-6))
         return err_say(why, ERR_FORMAT, "%s: line %u: the normal has zero length", path, number);
-    const struct sensor s = { vec3_make((float)v[0], (float)v[1], (float)v[2]),
+    const struct sensor s = { vec3_make((float)(v[0] - origin[0]), (float)(v[1] - origin[1]),
+                                        (float)(v[2] - origin[2])),
                               vec3_make((float)(v[3] / length), (float)(v[4] / length), (float)(v[5] / length)) };
     return add(p, &s, path, why);
 }
 
-static enum err read_file(const char *path, struct points *out, struct reason *why)
+static enum err read_file(const char *path, const struct scene *scene, struct points *out, struct reason *why)
 {
     char line[512];
     unsigned number = 0;
@@ -62,7 +65,7 @@ static enum err read_file(const char *path, struct points *out, struct reason *w
             e = err_say(why, ERR_FORMAT, "%s: line %u is too long", path, number);
         line[strcspn(line, "#")] = '\0';
         if (!e && line[strspn(line, " \t\r\n")])
-            e = take_line(out, path, number, line, why);
+            e = take_line(out, scene->origin, path, number, line, why);
     }
     if (!e && ferror(f))
         e = err_say(why, ERR_IO, "%s: %s", path, strerror(errno));
@@ -384,7 +387,7 @@ enum err points_read(const char *spec, const struct scene *scene, struct points 
 {
     *out = (struct points){ .count = 0 };
     const bool grid = strncmp(spec, "grid:", 5) == 0;
-    const enum err e = grid ? make_grid(spec, scene, out, why) : read_file(spec, out, why);
+    const enum err e = grid ? make_grid(spec, scene, out, why) : read_file(spec, scene, out, why);
     if (!e && !grid)
         out->spacing = median_spacing(out);
     if (e)

@@ -1,6 +1,7 @@
 #include "import/formats/internal.h"
 
 #include "base/mem.h"
+#include "import/parts/obj_text.h"
 
 #include <assimp/cfileio.h>
 #include <assimp/types.h>
@@ -87,6 +88,11 @@ static struct aiFile *open_file(struct aiFileIO *io, const char *path, const cha
     if (r->owned && host_read(files->host, path, &r->bytes, &why)) {
         if (!files->refused.text[0]) /* Assimp may try other names after it */
             files->refused = why;
+        mem_free(r);
+        return NULL;
+    }
+    if (r->owned && path_ends_in(path, ".mtl") && mtl_text(&r->bytes, &files->defined)) {
+        bytes_finish(&r->bytes);
         mem_free(r);
         return NULL;
     }

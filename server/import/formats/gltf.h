@@ -74,6 +74,7 @@ struct gltf { /* a file being read */
     uint32_t first_material;            /* in the scene */
     struct gltf_note skipped;           /* meshes with points or lines */
     uint32_t plain;        /* the scene's material for primitives without one; MATERIAL_NONE: not needed yet */
+    double start[16];      /* matrix of the roots */
     double (*worlds)[16];  /* of each node, if the file has skins */
     struct gltf_use *uses; /* of each mesh */
     uint64_t dropped;      /* degenerate triangles */

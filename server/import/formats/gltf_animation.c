@@ -267,6 +267,7 @@ enum err gltf_animate(struct gltf *g)
 
     if (count == 0)
         return ERR_OK;
+    g->scene->animated = true;
     if (isnan(g->desc->time)) {
         gltf_warn(g, NULL, "is animated, but shown at rest; use --time SECONDS");
         return ERR_OK;

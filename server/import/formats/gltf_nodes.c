@@ -11,6 +11,7 @@
 
 #define DEPTH_MAX 256      /* of nodes */
 #define COPIES_MAX 1000000 /* nodes, where those with several parents count as often */
+#define FAR_AHEAD 100.0f   /* m: a camera this far from the origin looks at a point further ahead */
 #define NARROW 0.5         /* degrees: angle of the perspective camera in place of an orthographic one */
 
 /* ---- Structure: checked before anything descends ---- */
@@ -186,7 +187,7 @@ static enum err keep_world(struct gltf *g, size_t node, const double world[16], 
 /* Skins refer to nodes anywhere, so that all matrices must be known before the first mesh. */
 static enum err find_worlds(struct gltf *g, const struct roots *r)
 {
-    const struct visit v = { .node = keep_world, .start = g->desc->transform };
+    const struct visit v = { .node = keep_world, .start = g->start };
     enum err e = ERR_OK;
 
     if (g->counts[GLTF_SKINS] == 0)
@@ -197,6 +198,59 @@ static enum err find_worlds(struct gltf *g, const struct roots *r)
     for (size_t i = 0; i < g->counts[GLTF_NODES] && !e; i++)
         e = r->free[i] ? descend(g, i, v.start, &v) : ERR_OK;
     return e;
+}
+
+/* ---- Where the model lies ---- */
+
+/* The box that the file states for a mesh's positions; false: none in the units of its node. */
+static bool stated_box(struct gltf *g, const struct gltf_at *primitive, double low[3], double high[3])
+{
+    const struct gltf_at attributes = gltf_key(primitive, "attributes");
+    size_t index, type = 0;
+
+    if (gltf_index(g, &attributes, "POSITION", GLTF_ACCESSORS, &index) || index == GLTF_NONE)
+        return false;
+    const struct gltf_at accessor = gltf_element(g, GLTF_ACCESSORS, index);
+    return gltf_size(g, &accessor, "componentType", 0, &type) == ERR_OK && type == 5126 && /* float */
+           json_array_size(json_object_get(accessor.value, "min")) == 3 &&
+           json_array_size(json_object_get(accessor.value, "max")) == 3 &&
+           gltf_numbers(g, &accessor, "min", 3, low) == ERR_OK && gltf_numbers(g, &accessor, "max", 3, high) == ERR_OK;
+}
+
+/* What is wrong with the mesh is said when it is read. */
+static enum err grow_box(struct gltf *g, size_t index, const double world[16], void *context)
+{
+    static const double middle[3] = { 0.0 };
+    const struct gltf_at node = gltf_element(g, GLTF_NODES, index);
+    struct reason *const why = g->why, ignored;
+    size_t mesh = GLTF_NONE;
+
+    g->why = (struct reason *)&ignored;
+    const bool has = gltf_index(g, &node, "mesh", GLTF_MESHES, &mesh) == ERR_OK && mesh != GLTF_NONE;
+    const struct gltf_at at = has ? gltf_element(g, GLTF_MESHES, mesh) : node;
+    const struct gltf_at primitives = gltf_key(&at, "primitives");
+    for (size_t i = 0; has && i < json_array_size(primitives.value); i++) {
+        const struct gltf_at primitive = gltf_item(&primitives, i);
+        double low[3], high[3];
+        const bool stated = stated_box(g, &primitive, low, high);
+        wide_box_grow(context, world, stated ? low : middle, stated ? high : middle);
+    }
+    g->why = why;
+    return ERR_OK;
+}
+
+/* Before anything is a float. */
+static enum err find_origin(struct gltf *g, const struct roots *r)
+{
+    struct wide_box box = WIDE_BOX_EMPTY;
+    struct visit v = { .node = grow_box, .context = &box, .start = g->desc->transform };
+
+    const enum err e = each_root(g, r, descend_root, &v);
+    if (e)
+        return e;
+    origin_choose(g->scene, &box, g->desc->path);
+    origin_start(g->scene, g->desc->transform, g->start);
+    return ERR_OK;
 }
 
 /* ---- Cameras ---- */
@@ -282,9 +336,10 @@ static enum err read_camera(struct gltf *g, const struct gltf_at *node, const st
         e = gltf_number(g, &perspective, "yfov", &fov_y);
         c->fov_y = (float)fov_y;
     }
-    c->look_at = vec3_add(c->position, ahead);
-    if (!e && vec3_length(vec3_sub(c->look_at, c->position)) == 0.0f) /* far from the origin */
-        c->look_at = vec3_add(c->position, vec3_scale(ahead, vec3_length(c->position)));
+    /* Floats resolve a direction between two points only if these are not much closer to each other than to the
+     * origin. */
+    const float distance = vec3_length(c->position);
+    c->look_at = vec3_add(c->position, vec3_scale(ahead, distance > FAR_AHEAD ? distance : 1.0f));
     return e;
 }
 
@@ -350,11 +405,13 @@ enum err gltf_add_nodes(struct gltf *g)
 {
     struct carriers all = { 0 };
     struct roots r = { .free = mem_alloc(g->counts[GLTF_NODES], sizeof(bool)) };
-    struct visit v = { .node = take_node, .context = &all, .start = g->desc->transform };
+    struct visit v = { .node = take_node, .context = &all, .start = g->start };
 
     enum err e = r.free ? find_scene(g, &r) : ERR_NOMEM;
     if (!e)
         e = check_nodes(g, &r);
+    if (!e)
+        e = find_origin(g, &r);
     if (!e)
         e = find_worlds(g, &r);
     if (!e)

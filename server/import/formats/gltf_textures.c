@@ -31,34 +31,6 @@ struct gltf_known_image {
     float mean[4];    /* of TEXTURE_LINEAR, 0..1 */
 };
 
-static enum err decode_view(struct gltf_images *s, const struct gltf_at *at, size_t view, enum texture_values values,
-                            struct texture *out)
-{
-    struct gltf_view bytes = { 0 };
-    char label[HOST_PATH_MAX];
-
-    const enum err e = gltf_view_bytes(s->g, view, &bytes);
-    if (e)
-        return e;
-    snprintf(label, sizeof(label), "%.4000s: images[%zu]", s->g->desc->path, at->index);
-    return texture_decode(bytes.at, bytes.size, values, label, out, s->g->why);
-}
-
-static enum err decode_data(struct gltf_images *s, const struct gltf_at *at, const char *uri,
-                            enum texture_values values, struct texture *out)
-{
-    struct bytes bytes;
-    char label[HOST_PATH_MAX];
-
-    enum err e = gltf_uri_decode(s->g, at, uri, &bytes);
-    if (e)
-        return e;
-    snprintf(label, sizeof(label), "%.4000s: images[%zu]", s->g->desc->path, at->above->index);
-    e = texture_decode(bytes.at, bytes.size, values, label, out, s->g->why);
-    bytes_finish(&bytes);
-    return e;
-}
-
 static bool is_known_missing(const struct gltf_images *s, size_t image)
 {
     for (size_t i = 0; i < s->count; i++) {
@@ -68,22 +40,60 @@ static bool is_known_missing(const struct gltf_images *s, size_t image)
     return false;
 }
 
-/* An image that cannot be opened costs a warning, and *out stays empty. */
+/* An image that cannot be read costs a warning, as in all formats, and *out stays empty. */
+static enum err excuse(struct gltf_images *s, const struct gltf_at *at, size_t image, enum err e,
+                       const struct reason *cause, const char *instead)
+{
+    if (e == ERR_NOMEM)
+        return e;
+    if (e && !is_known_missing(s, image))
+        gltf_warn(s->g, at, "%s; %s instead", cause->text, instead);
+    return ERR_OK;
+}
+
+static enum err decode_view(struct gltf_images *s, const struct gltf_at *at, size_t view, const struct use *use,
+                            struct texture *out)
+{
+    struct gltf_view bytes = { 0 };
+    struct reason cause = { "" };
+
+    enum err e = gltf_view_bytes(s->g, view, &bytes);
+    if (e)
+        return e;
+    e = texture_decode(bytes.at, bytes.size, use->values, "its image", out, &cause);
+    return excuse(s, at, at->index, e, &cause, use->instead);
+}
+
+static enum err decode_data(struct gltf_images *s, const struct gltf_at *at, const char *uri, const struct use *use,
+                            struct texture *out)
+{
+    struct reason cause = { "" };
+    struct bytes bytes;
+
+    enum err e = gltf_uri_decode(s->g, at, uri, &bytes);
+    if (e)
+        return e;
+    e = texture_decode(bytes.at, bytes.size, use->values, "its image", out, &cause);
+    bytes_finish(&bytes);
+    return excuse(s, at, at->above->index, e, &cause, use->instead);
+}
+
 static enum err load_file(struct gltf_images *s, const struct gltf_at *at, const char *uri, const struct use *use,
                           struct texture *out)
 {
     struct reason cause = { "" };
     char path[HOST_PATH_MAX];
+    enum err e;
 
-    enum err e = gltf_uri_path(s->g, at, uri, path);
-    if (e)
+    if (strstr(uri, "://"))
+        e = err_say(&cause, ERR_UNSUPPORTED, "'%.100s' is on a server; only files are read", uri);
+    else
+        e = gltf_uri_path(s->g, at, uri, path);
+    if (e && !cause.text[0])
         return e;
-    e = texture_load(s->g->desc->host, path, use->values, out, &cause);
-    if (e && e != ERR_IO)
-        return err_say(s->g->why, e, "%s", cause.text);
-    if (e && !is_known_missing(s, at->above->index))
-        gltf_warn(s->g, at, "%s; %s instead", cause.text, use->instead);
-    return ERR_OK;
+    if (!e)
+        e = texture_load(s->g->desc->host, path, use->values, out, &cause);
+    return excuse(s, at, at->above->index, e, &cause, use->instead);
 }
 
 static enum err read_image(struct gltf_images *s, const struct use *use, struct texture *out)
@@ -97,10 +107,10 @@ static enum err read_image(struct gltf_images *s, const struct use *use, struct 
     if (e)
         return e;
     if (view != GLTF_NONE)
-        return decode_view(s, &at, view, use->values, out);
+        return decode_view(s, &at, view, use, out);
     if (!text)
         return gltf_fault(s->g, &at, ERR_FORMAT, "has neither a uri nor a bufferView");
-    return gltf_uri_is_data(text) ? decode_data(s, &uri, text, use->values, out) : load_file(s, &uri, text, use, out);
+    return gltf_uri_is_data(text) ? decode_data(s, &uri, text, use, out) : load_file(s, &uri, text, use, out);
 }
 
 enum { WRAP_CLAMP = 33071, WRAP_MIRROR = 33648, WRAP_REPEAT = 10497 }; /* the values of the file */

@@ -68,6 +68,8 @@ enum err import_scene(const char *path, const struct host *host, struct scene **
         e = load_model(s, path, host, why);
     if (!e)
         e = scene_finish(s, path, why);
+    if (!e && !isnan(host->time) && !s->animated)
+        log_warning("%s: --time has no effect: none of its models is an animated glTF file", path);
     if (!e && s->camera_count == 0) {
         const struct camera framing = scene_framing_camera(s);
         e = scene_add_camera(s, &framing);

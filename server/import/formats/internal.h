@@ -1,6 +1,7 @@
 /* The parts of import.h. Private to this room. Thread: one at a time. */
 #pragma once
 
+#include "import/parts/texture_decode.h"
 #include "import/reader/host.h"
 #include "scene/geometry/scene_build.h"
 
@@ -40,7 +41,8 @@ struct assimp_files {
     const char *path;          /* of the model */
     const struct bytes *model; /* its contents */
     struct reason refused;     /* why the first other file could not be opened; empty: none was refused */
-    bool others;               /* a file besides the model was read */
+    char *defined; /* names of the materials of .mtl files (obj_text.h); the caller of assimp_files_init frees it */
+    bool others;   /* a file besides the model was read */
 };
 
 /* Fills the functions; `files` must outlive their use. */
@@ -84,6 +86,28 @@ void matrix_multiply(const double a[16], const double b[16], double out[16]);
 /* Cofactors of the upper 3x3, which transform normals up to a factor. Returns the determinant. */
 double matrix_cofactors(const double m[16], double c[9]);
 
+/* ---- Scenes far from the origin of their coordinates ---- */
+
+/* A model's box in world space, before anything is a float. Empty: high below low. */
+struct wide_box {
+    double low[3], high[3];
+};
+#define WIDE_BOX_EMPTY                                                                                                 \
+    {                                                                                                                  \
+        { INFINITY, INFINITY, INFINITY },                                                                              \
+        {                                                                                                              \
+            -INFINITY, -INFINITY, -INFINITY                                                                            \
+        }                                                                                                              \
+    }
+
+/* Adds a box that stands by a matrix. Coordinates that are not finite are left out. */
+void wide_box_grow(struct wide_box *b, const double matrix[16], const double low[3], const double high[3]);
+/* If the scene has no mesh yet and its first model lies so far away that floats would lose it, moves the scene's
+ * origin there and says so. */
+void origin_choose(struct scene *s, const struct wide_box *model, const char *path);
+/* The matrix of a model's root in the scene, whose origin has been chosen. */
+void origin_start(const struct scene *s, const double transform[16], double out[16]);
+
 /* The rows of a column-major matrix, as mesh_place wants them. */
 void matrix_rows(const double m[16], float rows[3][4]);
 
@@ -101,21 +125,3 @@ MUST_CHECK enum err meshes_repeat(struct scene *s, size_t first, size_t end, con
 
 /* Reads a JSON scene into an empty scene. Errors of import_scene. */
 MUST_CHECK enum err json_load_scene(struct scene *s, const char *path, const struct host *host, struct reason *why);
-
-/* Decodes a PNG, JPEG, WebP or TGA image to a texture that repeats; `name` begins messages. PNG of 16 bits is rounded
- * to 8. Alpha is 1 with TEXTURE_SRGB, and in JPEG. On ERR_OK the caller owns *out (texture_finish). ERR_FORMAT.
- * ERR_RANGE: more than TEXTURE_SIDE_MAX per side or TEXTURE_TEXELS_MAX. ERR_UNSUPPORTED: another format. ERR_NOMEM. */
-MUST_CHECK enum err texture_decode(const void *bytes, size_t count, enum texture_values values, const char *name,
-                                   struct texture *out, struct reason *why);
-/* The same from a file. Also ERR_IO. */
-MUST_CHECK enum err texture_load(const struct host *host, const char *path, enum texture_values values,
-                                 struct texture *out, struct reason *why);
-
-/* TGA for texture_decode, which builds the levels: whether it may be one, as no other format begins like it, and its
- * finest level, with alpha. */
-bool tga_recognise(const void *bytes, size_t count);
-MUST_CHECK enum err tga_decode(const void *bytes, size_t count, enum texture_values values, const char *name,
-                               struct texture *out, struct reason *why);
-
-/* ERR_RANGE: an image of no size, or one above the limits of texture_decode. */
-MUST_CHECK enum err texture_check_size(uint64_t width, uint64_t height, const char *name, struct reason *why);

@@ -84,6 +84,20 @@ static enum err read_vec3(const struct spot *s, const char *key, const struct ve
     return ERR_OK;
 }
 
+/* A point in the file's coordinates becomes one of the scene's, before it is a float. */
+static enum err read_position(const struct spot *s, const char *key, struct vec3 *out)
+{
+    const enum err e = read_vec3(s, key, NULL, -1e15, 1e15, out);
+    const json_t *value = json_object_get(s->object, key);
+    double v[3];
+
+    for (size_t i = 0; i < 3 && !e; i++)
+        v[i] = json_number_value(json_array_get(value, i)) - s->scene->origin[i];
+    if (!e)
+        *out = vec3_make((float)v[0], (float)v[1], (float)v[2]);
+    return e;
+}
+
 enum err spot_string(const struct spot *s, const char *key, const char **out)
 {
     const json_t *value = json_object_get(s->object, key);
@@ -281,9 +295,9 @@ static enum err read_camera(const struct spot *root, const char *label, const ch
     if (strlen(name) >= sizeof(c.name))
         return err_say(s.why, ERR_RANGE, "%s: the name is longer than %zu bytes", s.place, sizeof(c.name) - 1);
     snprintf(c.name, sizeof(c.name), "%s", name);
-    e = read_vec3(&s, "position", NULL, -1e15, 1e15, &c.position);
+    e = read_position(&s, "position", &c.position);
     if (!e)
-        e = read_vec3(&s, "look_at", NULL, -1e15, 1e15, &c.look_at);
+        e = read_position(&s, "look_at", &c.look_at);
     if (!e)
         e = read_vec3(&s, "up", &y, -1e15, 1e15, &c.up);
     if (!e)
@@ -344,7 +358,7 @@ static enum err read_direction(const struct spot *s, struct vec3 *out)
 static enum err read_point(const struct spot *s, struct punctual_light *l)
 {
     spot_warn_unknown(s, (const char *const[]){ "type", "position", "intensity", NULL });
-    const enum err e = read_vec3(s, "position", NULL, -1e15, 1e15, &l->position);
+    const enum err e = read_position(s, "position", &l->position);
     return e ? e : read_vec3(s, "intensity", NULL, 0.0, (double)LIGHT_INTENSITY_MAX, &l->intensity);
 }
 
@@ -369,7 +383,7 @@ static enum err read_spot(const struct spot *s, struct punctual_light *l)
 {
     spot_warn_unknown(s, (const char *const[]){ "type", "position", "direction", "intensity", "inner_degrees",
                                                 "outer_degrees", NULL });
-    enum err e = read_vec3(s, "position", NULL, -1e15, 1e15, &l->position);
+    enum err e = read_position(s, "position", &l->position);
     if (!e)
         e = read_direction(s, &l->direction);
     if (!e)
@@ -443,10 +457,10 @@ static enum err read_root(struct spot *s)
     enum err e = read_materials(s);
     s->named = (uint32_t)s->scene->material_count;
     if (!e)
-        e = read_cameras(s);
+        e = json_add_models(s); /* they may move the origin */
     if (!e)
-        e = read_lights(s);
-    return e ? e : json_add_models(s);
+        e = read_cameras(s);
+    return e ? e : read_lights(s);
 }
 
 enum err json_load_scene(struct scene *scene, const char *path, const struct host *host, struct reason *why)

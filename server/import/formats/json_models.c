@@ -132,7 +132,10 @@ static enum err add_model(const struct spot *root, size_t index, const json_t *v
         return e;
     memcpy(entry->transform, d.transform, sizeof(entry->transform));
     if (like->shared) {
-        e = meshes_repeat(s.scene, like->first, like->end, like->transform, entry->transform);
+        double from[16], to[16];
+        origin_start(s.scene, like->transform, from);
+        origin_start(s.scene, entry->transform, to);
+        e = meshes_repeat(s.scene, like->first, like->end, from, to);
         if (e != ERR_RANGE)
             return e;
     }

@@ -3,6 +3,7 @@
 #include "base/log.h"
 #include "base/luminance.h"
 #include "base/mem.h"
+#include "import/parts/obj_text.h"
 
 #include <assimp/cfileio.h>
 #include <assimp/cimport.h>
@@ -49,6 +50,7 @@ struct import {
     bool plain;                /* these are Assimp's defaults */
     bool coloured;             /* a mesh has colours of its vertices */
     size_t dropped;            /* degenerate triangles */
+    double start[16];          /* matrix of the root; before the scene has its origin, in the file's coordinates */
     struct standing *standing; /* of each of the file's meshes */
     struct reason *why;
 };
@@ -256,6 +258,30 @@ static enum err add_node(struct import *in, const struct aiNode *node, const dou
     return e;
 }
 
+/* The box of all meshes, in the coordinates of the file's world. */
+static void grow_box(const struct import *in, const struct aiNode *node, const double parent[16], struct wide_box *box)
+{
+    double local[16], world[16];
+
+    node_matrix(&node->mTransformation, local);
+    matrix_multiply(parent, local, world);
+    for (unsigned i = 0; i < node->mNumMeshes; i++) {
+        const struct aiMesh *ai = in->ai->mMeshes[node->mMeshes[i]];
+        double low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY };
+        for (unsigned v = 0; v < ai->mNumVertices; v++) {
+            const double p[3] = { ai->mVertices[v].x, ai->mVertices[v].y, ai->mVertices[v].z };
+            for (int k = 0; k < 3; k++) {
+                low[k] = fmin(low[k], p[k]);
+                high[k] = fmax(high[k], p[k]);
+            }
+        }
+        if (ai->mNumVertices > 0)
+            wide_box_grow(box, world, low, high);
+    }
+    for (unsigned i = 0; i < node->mNumChildren; i++)
+        grow_box(in, node->mChildren[i], world, box);
+}
+
 /* The file's materials, unless the scene gives one for the whole model. */
 static enum err add_materials(struct import *in)
 {
@@ -277,9 +303,13 @@ static enum err take(struct import *in)
     if (!in->standing)
         return ERR_NOMEM;
     count_uses(in, in->ai->mRootNode);
+    struct wide_box box = WIDE_BOX_EMPTY;
+    grow_box(in, in->ai->mRootNode, in->start, &box);
+    origin_choose(in->scene, &box, in->desc->path);
+    origin_start(in->scene, in->start, in->start);
     enum err e = add_materials(in);
     if (!e)
-        e = add_node(in, in->ai->mRootNode, in->desc->transform);
+        e = add_node(in, in->ai->mRootNode, in->start);
     if (e)
         return e;
     if (in->ai->mNumLights > 0)
@@ -413,26 +443,46 @@ static enum err read_checked(const struct model_desc *d, struct bytes *out, stru
     return e ? fault(d, why, e, "%s", cause.text) : ERR_OK;
 }
 
-/* Without its .mtl file an OBJ model is grey. Where the scene file defines materials, a name of its own is misspelt. */
+/* What an OBJ model lacks of its materials is grey. Where the scene file defines materials, a name of its own is
+ * misspelt. */
 static enum err check_grey(const struct import *in, const struct assimp_files *files)
 {
     const struct model_desc *d = in->desc;
     struct aiString name = { 0 };
+    bool told = false;
 
-    if (!in->materials || !path_ends_in(d->path, ".obj") || files->others)
+    if (!in->materials || !path_ends_in(d->path, ".obj"))
         return ERR_OK;
     for (unsigned i = 0; i < in->ai->mNumMaterials; i++) {
         if (in->materials[i] == MATERIAL_NONE || in->materials[i] < d->named)
             continue;
-        const char *cause = files->refused.text[0] ? files->refused.text : "the model names no .mtl file";
         (void)aiGetMaterialString(in->ai->mMaterials[i], AI_MATKEY_NAME, &name);
-        if (d->named > 0 && strcmp(name.data, ASSIMPS_OWN) != 0)
+        const bool unnamed = strcmp(name.data, ASSIMPS_OWN) == 0;
+        if (files->others && (unnamed || mtl_defines(files->defined, name.data)))
+            continue;
+        const char *cause = files->others            ? "no .mtl file of the model defines it"
+                            : files->refused.text[0] ? files->refused.text
+                                                     : "the model names no .mtl file";
+        if (d->named > 0 && !unnamed && !files->others)
             return fault(d, in->why, ERR_FORMAT, "unknown material '%s' (%s)", name.data, cause);
-        if (!in->coloured)
+        if (!in->coloured && (files->others || !told))
             log_warning("%s: material '%s' is grey: %s", d->path, name.data, cause);
-        return ERR_OK;
+        told = true;
     }
     return ERR_OK;
+}
+
+/* Reads the file and brings what Assimp would misread into another form. */
+static enum err read_text(const struct model_desc *d, struct bytes *out, double start[16], struct reason *why)
+{
+    double origin[3] = { 0.0 }, shift[16] = { [0] = 1.0, [5] = 1.0, [10] = 1.0, [15] = 1.0 };
+
+    enum err e = read_checked(d, out, why);
+    if (!e && path_ends_in(d->path, ".obj"))
+        e = obj_text(out, d->normals != NORMALS_FLAT, origin);
+    memcpy(shift + 12, origin, sizeof(origin));
+    matrix_multiply(d->transform, shift, start);
+    return e;
 }
 
 enum err model_load(struct scene *s, const struct model_desc *d, struct reason *why)
@@ -443,26 +493,27 @@ enum err model_load(struct scene *s, const struct model_desc *d, struct reason *
 
     if (path_is_gltf(d->path))
         return gltf_load(s, d, why);
-    enum err e = read_checked(d, &model, why);
+    struct import in = { .scene = s, .desc = d, .why = why };
+    enum err e = read_text(d, &model, in.start, why);
     struct assimp_files files = { .host = d->host, .path = d->path, .model = &model };
     const struct aiScene *ai = e ? NULL : import_file(d, &files);
     bytes_finish(&model);
-    if (!e && !ai)
+    if (!e)
+        e = ai ? check_scene(ai, d, why) : import_fault(d, why);
+    if (!e && !aiApplyPostProcessing(ai, steps)) { /* which frees the scene on failure */
+        ai = NULL;
         e = import_fault(d, why);
-    if (e)
-        return e;
-    e = check_scene(ai, d, why);
-    if (!e && !aiApplyPostProcessing(ai, steps)) /* which frees the scene on failure */
-        return import_fault(d, why);
+    }
     if (!e) {
-        const bool plain = path_ends_in(d->path, ".ply") || (path_ends_in(d->path, ".obj") && !files.others);
-        struct import in = { .scene = s, .desc = d, .ai = ai, .plain = plain, .why = why };
+        in.ai = ai;
+        in.plain = path_ends_in(d->path, ".ply") || (path_ends_in(d->path, ".obj") && !files.others);
         e = take(&in);
         if (!e)
             e = check_grey(&in, &files);
         mem_free(in.materials);
         mem_free(in.standing);
     }
-    aiReleaseImport(ai);
+    mem_free(files.defined);
+    aiReleaseImport(ai); /* NULL is allowed */
     return e;
 }

@@ -3,11 +3,14 @@
 
 #include "base/mem.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -171,14 +174,77 @@ static enum err note_opened(struct scene_files *f, const char *path, int fd)
     return ERR_OK;
 }
 
+/* ---- Names as other systems write them ---- */
+
+/* The entry of the folder that differs from `name` in case alone; false: none. */
+static bool find_other_case(const char *folder, const char *name, char out[NAME_MAX + 1])
+{
+    DIR *d = opendir(folder);
+    bool found = false;
+
+    for (const struct dirent *e = d ? readdir(d) : NULL; e && !found; e = readdir(d))
+        if (strcasecmp(e->d_name, name) == 0) {
+            snprintf(out, NAME_MAX + 1, "%s", e->d_name);
+            found = true;
+        }
+    if (d)
+        closedir(d);
+    return found;
+}
+
+/* The file that `path` means where there is none of that name: with slashes for backslashes, without quotes and blanks
+ * around its name, its name and the name of its folder in other case. False: none. */
+static bool find_similar(const char *path, char out[HOST_PATH_MAX])
+{
+    char name[NAME_MAX + 1], *part;
+    struct stat st;
+    size_t n = 0;
+
+    if (strlen(path) >= HOST_PATH_MAX - 2)
+        return false;
+    for (; path[n]; n++)
+        out[n] = path[n] == '\\' ? '/' : path[n];
+    while (n > 0 && strchr(" \t\"'", out[n - 1]))
+        n--;
+    out[n] = '\0';
+    part = strrchr(out, '/');
+    part = part ? part + 1 : out;
+    const size_t skip = strspn(part, " \t\"'");
+    memmove(part, part + skip, strlen(part + skip) + 1);
+    for (int k = 0; k < 2 && stat(out, &st) != 0; k++) { /* the folder's case first, then the file's */
+        char *file = strrchr(out, '/'), *at = file ? file + 1 : out;
+        if (k == 0) {
+            if (!file || file == out)
+                continue;
+            *file = '\0';
+            char *above = strrchr(out, '/');
+            at = above ? above + 1 : out;
+        }
+        char saved[HOST_PATH_MAX], folder[HOST_PATH_MAX];
+        snprintf(saved, sizeof(saved), "%s", at);
+        snprintf(folder, sizeof(folder), "%.*s", (int)(at - out), out);
+        if (find_other_case(folder[0] ? folder : ".", saved, name) && strlen(name) == strlen(saved))
+            memcpy(at, name, strlen(name));
+        if (k == 0)
+            *file = '/';
+    }
+    return stat(out, &st) == 0;
+}
+
 enum err scene_files_open(struct scene_files *f, const char *path, int *fd, size_t *size, struct reason *why)
 {
-    char resolved[HOST_PATH_MAX];
+    char resolved[HOST_PATH_MAX], similar[HOST_PATH_MAX];
     const bool is_scene = strcmp(path, f->scene) == 0;
 
     f->sealed = f->sealed || !is_scene;
-    if (!realpath(path, resolved))
-        return err_say(why, ERR_IO, "%s: %s", path, strerror(errno));
+    bool found = realpath(path, resolved);
+    const int fault = errno;
+    if (!found && !is_scene && fault == ENOENT && find_similar(path, similar) && realpath(similar, resolved)) {
+        found = true;
+        path = similar;
+    }
+    if (!found)
+        return err_say(why, ERR_IO, "%s: %s", path, strerror(fault));
     if (!is_scene && !may_open(f, resolved))
         return err_say(why, ERR_IO, "%s: is outside of the folders of the scene and its models", path);
     enum err e = open_file(f, path, resolved, fd, size, why);

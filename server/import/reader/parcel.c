@@ -7,6 +7,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <float.h>
+#include <math.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -17,6 +18,7 @@
 struct head {
     uint32_t magic;
     uint32_t materials, cameras, lights, textures, meshes, unmodelled, ground;
+    double origin[3];
 };
 
 struct texture_head {
@@ -109,7 +111,8 @@ enum err parcel_write(int fd, struct scene *s, struct reason *why)
                                (uint32_t)s->texture_count,
                                (uint32_t)s->mesh_count,
                                s->unmodelled,
-                               s->wants_ground };
+                               s->wants_ground,
+                               { s->origin[0], s->origin[1], s->origin[2] } };
     enum err e = put(fd, &head, sizeof(head), why);
 
     if (!e)
@@ -442,6 +445,8 @@ static enum err take_scene(struct parcel *p)
         return e;
     p->scene->unmodelled = p->head.unmodelled;
     p->scene->wants_ground = p->head.ground;
+    for (int k = 0; k < 3; k++)
+        p->scene->origin[k] = isfinite(p->head.origin[k]) ? p->head.origin[k] : 0.0;
     e = take_materials(p);
     if (!e)
         e = take_cameras(p);

@@ -53,7 +53,7 @@ static enum err choose_camera(const struct prepared_scene *s, const struct prepa
 {
     if (desc->camera && free_view_is(desc->camera)) {
         const enum err e = free_view_read(desc->camera, out, why);
-        return e ? e : view_change_apply(&desc->change, out, why);
+        return e ? e : view_change_apply(&desc->change, s->scene, out, why);
     }
     const struct camera *camera = scene_camera(s->scene, desc->camera);
     char names[300];
@@ -63,7 +63,7 @@ static enum err choose_camera(const struct prepared_scene *s, const struct prepa
         return err_say(why, ERR_USAGE, "%s: there is no camera '%s'; expected %s", s->name, desc->camera, names);
     }
     *out = *camera;
-    return view_change_apply(&desc->change, out, why);
+    return view_change_apply(&desc->change, s->scene, out, why);
 }
 
 static bool has_glass(const struct scene *s)

@@ -24,7 +24,9 @@ enum err settings_find_camera(struct settings_store *store, const char *name, st
     if (camera) {
         const struct prepared_scene_desc *desc = &store->config->setup.set_desc;
         *out = *camera;
-        return camera == scene_camera(store->scene, desc->camera) ? view_change_apply(&desc->change, out, why) : ERR_OK;
+        return camera == scene_camera(store->scene, desc->camera)
+                   ? view_change_apply(&desc->change, store->scene, out, why)
+                   : ERR_OK;
     }
     pthread_mutex_lock(&store->lock);
     const struct saved_view *saved = find(store, name);

@@ -8,26 +8,28 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define FAR 1e6    /* m, of a coordinate */
-#define NARROW 1.0 /* degrees: what a plane can show */
+#define FAR 1e6         /* m, of a coordinate of a free view */
+#define FAR_OF_FLAG 1e9 /* likewise of a flag, in the coordinates of a file */
+#define NARROW 1.0      /* degrees: what a plane can show */
 #define WIDE 170.0
 
 /* Parses three numbers separated by commas, up to `end`. Returns the position after them, or NULL if they are
- * malformed. */
-static const char *read_point(const char *text, char end, struct vec3 *out)
+ * malformed or above `most`. */
+static const char *read_point(const char *text, char end, double most, double out[3])
 {
-    float v[3];
-
     for (int i = 0; i < 3; i++) {
         char *rest;
-        const double x = strtod(text, &rest);
-        if (rest == text || !(fabs(x) <= FAR) || *rest != (i < 2 ? ',' : end))
+        out[i] = strtod(text, &rest);
+        if (rest == text || !(fabs(out[i]) <= most) || *rest != (i < 2 ? ',' : end))
             return NULL;
-        v[i] = (float)x;
         text = rest + (*rest != '\0');
     }
-    *out = vec3_make(v[0], v[1], v[2]);
     return text;
+}
+
+static struct vec3 point_from(const double p[3], const double origin[3])
+{
+    return vec3_make((float)(p[0] - origin[0]), (float)(p[1] - origin[1]), (float)(p[2] - origin[2]));
 }
 
 const struct setting_choice projection_choices[] = {
@@ -66,11 +68,15 @@ bool free_view_is(const char *name)
 
 enum err free_view_read(const char *text, struct camera *out, struct reason *why)
 {
+    static const double here[3] = { 0.0 };
     struct camera c = { .up = { 0.0f, 1.0f, 0.0f } };
+    double position[3] = { 0.0 }, look_at[3] = { 0.0 };
     char *end = NULL;
 
-    const char *at = read_point(text + 1, ';', &c.position);
-    at = at ? read_point(at, ';', &c.look_at) : NULL;
+    const char *at = read_point(text + 1, ';', FAR, position);
+    at = at ? read_point(at, ';', FAR, look_at) : NULL;
+    c.position = point_from(position, here);
+    c.look_at = point_from(look_at, here);
     const double degrees = at ? strtod(at, &end) : 0.0;
     const bool known = at && end != at && read_projection(end, &c.projection);
     const double most = known && c.projection != PROJECTION_PERSPECTIVE ? 360.0 : WIDE;
@@ -114,20 +120,21 @@ enum err view_change_read(const char *position, const char *look_at, double degr
     static const char wants[] = "three numbers in metres with commas, such as 4,2,-1.5";
 
     *out = (struct view_change){ .has_position = position, .has_look_at = look_at };
-    if (position && !read_point(position, '\0', &out->position))
+    if (position && !read_point(position, '\0', FAR_OF_FLAG, out->position))
         return err_say(why, ERR_USAGE, "--position %s: expected %s", position, wants);
-    if (look_at && !read_point(look_at, '\0', &out->look_at))
+    if (look_at && !read_point(look_at, '\0', FAR_OF_FLAG, out->look_at))
         return err_say(why, ERR_USAGE, "--look-at %s: expected %s", look_at, wants);
     out->fov_y = (float)(degrees * (PI / 180.0));
     return ERR_OK;
 }
 
-enum err view_change_apply(const struct view_change *change, struct camera *c, struct reason *why)
+enum err view_change_apply(const struct view_change *change, const struct scene *scene, struct camera *c,
+                           struct reason *why)
 {
     if (change->has_position)
-        c->position = change->position;
+        c->position = point_from(change->position, scene->origin);
     if (change->has_look_at)
-        c->look_at = change->look_at;
+        c->look_at = point_from(change->look_at, scene->origin);
     if (change->has_projection && change->projection != c->projection) {
         c->projection = change->projection;
         if (c->projection != PROJECTION_PERSPECTIVE && !(change->fov_y > 0.0f))

@@ -27,8 +27,8 @@ extern const struct setting_choice projection_choices[];
 /* The changes that --position X,Y,Z, --look-at X,Y,Z, --fov DEGREES and --projection make to a camera. */
 struct view_change {
     bool has_position, has_look_at;
-    struct vec3 position, look_at; /* m */
-    float fov_y;                   /* radians; 0: none */
+    double position[3], look_at[3]; /* m, in the coordinates of the scene's file */
+    float fov_y;                    /* radians; 0: none */
     bool has_projection;
     enum camera_projection projection; /* a fisheye without fov_y spans 180 degrees */
 };
@@ -36,8 +36,9 @@ struct view_change {
 /* position, look_at: NULL: not given; degrees 0: not given. ERR_USAGE names the flag. */
 MUST_CHECK enum err view_change_read(const char *position, const char *look_at, double degrees, struct view_change *out,
                                      struct reason *why);
-/* ERR_USAGE: the camera would see nothing. */
-MUST_CHECK enum err view_change_apply(const struct view_change *change, struct camera *c, struct reason *why);
+/* Changes a camera of the scene. ERR_USAGE: it would see nothing. */
+MUST_CHECK enum err view_change_apply(const struct view_change *change, const struct scene *scene, struct camera *c,
+                                      struct reason *why);
 
 /* ---- First hits ---- */
 

@@ -115,8 +115,10 @@ struct scene {
     size_t light_count;
     uint64_t triangle_count; /* of all meshes, instances too */
     struct vec3 low, high;   /* bounding box of the triangles, m */
+    double origin[3];        /* where the file has this scene's (0, 0, 0): not 0 if the model lies far from its own */
     struct ground ground;
     bool wants_ground;   /* its file requests one */
+    bool animated;       /* while it is read: a model of it moves */
     uint32_t unmodelled; /* bit 1 << feature for each enum scene_feature that occurred */
 };
 

@@ -387,8 +387,10 @@ static void jpeg_texture_is_read(void **state)
         char path[256];
         folder_write(&f, "grey.jpg", jpeg, left);
         snprintf(path, sizeof(path), "%s/a.gltf", f.path);
-        assert_int_equal(load_here(path, &s, &why), ERR_FORMAT);
-        assert_non_null(strstr(why.text, "grey.jpg: JPEG: "));
+        log_begin();
+        assert_int_equal(load_here(path, &s, &why), ERR_OK);
+        assert_non_null(strstr(log_end(), "grey.jpg: JPEG: "));
+        scene_destroy(s);
     }
     tjFree(jpeg);
     tjDestroy(tj);
@@ -473,22 +475,26 @@ static void bad_textures_are_named(void **state)
     snprintf(path, sizeof(path), "%s", write_gltf(&f, "a.gltf", "{" ONE_NODE TEXTURED("t.png") TAIL));
     for (size_t cut = 0; cut < sizeof(four_png); cut++) { /* truncated at every byte */
         folder_write(&f, "t.png", four_png, cut);
-        const enum err e = load_here(path, &s, &why);
-        if (e == ERR_OK) { /* all that counts was there */
+        log_begin();
+        assert_int_equal(load_here(path, &s, &why), ERR_OK);
+        if (!strstr(log_end(), "/t.png: ")) /* all that counts was there */
             assert_true(cut > sizeof(four_png) - 20);
-            scene_destroy(s);
-            continue;
-        }
-        assert_int_equal(e, cut < 8 ? ERR_UNSUPPORTED : ERR_FORMAT);
-        assert_non_null(strstr(why.text, "/t.png: "));
+        scene_destroy(s);
     }
     /* an unbelievable width: refused before memory is asked for; byte 29 on is the header's checksum */
     memcpy(big, four_png, sizeof(big));
     memcpy(big + 16, (const uint8_t[]){ 0, 1, 0x86, 0xa0 }, 4);
     memcpy(big + 29, (const uint8_t[]){ 0x54, 0x88, 0xf3, 0x2c }, 4);
     folder_write(&f, "t.png", big, sizeof(big));
-    assert_int_equal(load_here(path, &s, &why), ERR_RANGE);
-    assert_non_null(strstr(why.text, "/t.png: 100000 x 2"));
+    log_begin();
+    assert_int_equal(load_here(path, &s, &why), ERR_OK);
+    assert_non_null(strstr(log_end(), "/t.png: 100000 x 2"));
+    scene_destroy(s);
+    write_gltf(&f, "a.gltf", "{" ONE_NODE TEXTURED("https://example.org/t.png") TAIL);
+    log_begin();
+    assert_int_equal(load_here(path, &s, &why), ERR_OK);
+    assert_non_null(strstr(log_end(), "'https://example.org/t.png' is on a server"));
+    scene_destroy(s);
     folder_remove(&f);
 }
 

@@ -13,7 +13,7 @@ enum { MATERIALS = 2, CORNERS = 4, TRIANGLES = 2 };
 /* Where things are in the file. */
 enum {
     HEAD = 0,
-    MATERIAL = HEAD + 32,
+    MATERIAL = HEAD + 56,
     PANE = MATERIAL + (int)sizeof(struct material),
     CAMERA = MATERIAL + MATERIALS * (int)sizeof(struct material),
     LIGHT = CAMERA + (int)sizeof(struct camera),

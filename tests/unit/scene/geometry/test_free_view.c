@@ -75,15 +75,20 @@ static void flags_change_what_they_name(void **state)
     struct camera c = { .position = { 1, 2, 3 }, .look_at = { 0, 0, 0 }, .up = { 0, 1, 0 }, .fov_y = 0.5f };
     struct reason why = { "" };
     struct view_change change;
+    const struct scene here = { .origin = { 0.0 } }, far = { .origin = { 500000.0, 4500000.0, 0.0 } };
 
     assert_int_equal(view_change_read(NULL, "4,5,6", 0.0, &change, &why), ERR_OK);
-    assert_int_equal(view_change_apply(&change, &c, &why), ERR_OK);
+    assert_int_equal(view_change_apply(&change, &here, &c, &why), ERR_OK);
     assert_true(c.position.x == 1.0f && c.look_at.x == 4.0f && c.fov_y == 0.5f);
     assert_int_equal(view_change_read("-1,-2,-3", NULL, 90.0, &change, &why), ERR_OK);
-    assert_int_equal(view_change_apply(&change, &c, &why), ERR_OK);
+    assert_int_equal(view_change_apply(&change, &here, &c, &why), ERR_OK);
     assert_true(c.position.x == -1.0f && c.look_at.x == 4.0f && fabsf(c.fov_y - 1.570796f) < 1e-5f);
     assert_int_equal(view_change_read("4,5,6", NULL, 0.0, &change, &why), ERR_OK);
-    assert_int_equal(view_change_apply(&change, &c, &why), ERR_USAGE);
+    assert_int_equal(view_change_apply(&change, &here, &c, &why), ERR_USAGE);
+    /* flags have the coordinates of the file, whose model may lie far away */
+    assert_int_equal(view_change_read("500001.25,4500002.5,3", NULL, 0.0, &change, &why), ERR_OK);
+    assert_int_equal(view_change_apply(&change, &far, &c, &why), ERR_OK);
+    assert_true(c.position.x == 1.25f && c.position.y == 2.5f && c.position.z == 3.0f);
     assert_int_equal(view_change_read("4,5", NULL, 0.0, &change, &why), ERR_USAGE);
     assert_non_null(strstr(why.text, "--position 4,5: expected three numbers"));
     assert_int_equal(view_change_read(NULL, "a,b,c", 0.0, &change, &why), ERR_USAGE);

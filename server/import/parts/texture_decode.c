@@ -1,4 +1,4 @@
-#include "import/formats/internal.h"
+#include "import/parts/texture_decode.h"
 
 #include <png.h>
 #include <string.h>

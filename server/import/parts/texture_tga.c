@@ -1,6 +1,6 @@
 /* TGA images [Truevision TGA File Format Specification, version 2.0]: true colour, grey and colour-mapped, also
  * run-length encoded. The format has no signature. */
-#include "import/formats/internal.h"
+#include "import/parts/texture_decode.h"
 
 #include <string.h>
 
