@@ -19,23 +19,33 @@ struct line {
     int count;
 };
 
+enum need {
+    NEEDED,   /* else the file is refused */
+    MEASURED, /* blank, negative or at least `missing`: the hour lacks it; a little below 0 is 0, as sensors drift */
+    UNREAD,   /* by most uses: whatever is no value is missing */
+};
+
 /* A field of a record. A value of `missing` or more counts as missing, as the format defines. */
 struct field {
     int index; /* from 0 */
     const char *name;
     double least, most, missing;
-    bool optional; /* older files end before it */
+    enum need need;
     bool whole;
 };
 
-static const struct field month_field = { 1, "month", 1, 12, INFINITY, false, true };
-static const struct field day_field = { 2, "day", 1, 31, INFINITY, false, true };
-static const struct field hour_field = { 3, "hour", 1, 24, INFINITY, false, true };
-static const struct field dew_field = { 7, "dew point temperature", -90, 70, 99.9, false, false };
-static const struct field direct_field = { 14, "direct normal radiation", 0, 1500, 9999, false, false };
-static const struct field diffuse_field = { 15, "diffuse horizontal radiation", 0, 1500, 9999, false, false };
-static const struct field direct_lux_field = { 17, "direct normal illuminance", 0, 200000, 999900, true, false };
-static const struct field diffuse_lux_field = { 18, "diffuse horizontal illuminance", 0, 200000, 999900, true, false };
+#define DRIFT -20.0 /* W/m^2: what a sensor may show at night */
+
+static const struct field month_field = { 1, "month", 1, 12, INFINITY, NEEDED, true };
+static const struct field day_field = { 2, "day", 1, 31, INFINITY, NEEDED, true };
+static const struct field hour_field = { 3, "hour", 1, 24, INFINITY, NEEDED, true };
+static const struct field dew_field = { 7, "dew point temperature", -90, 70, 99.9, UNREAD, false };
+static const struct field direct_field = { 14, "direct normal radiation", 0, 1500, 9999, MEASURED, false };
+static const struct field diffuse_field = { 15, "diffuse horizontal radiation", 0, 1500, 9999, MEASURED, false };
+static const struct field direct_lux_field = { 17, "direct normal illuminance", 0, 200000, 999900, UNREAD, false };
+static const struct field diffuse_lux_field = {
+    18, "diffuse horizontal illuminance", 0, 200000, 999900, UNREAD, false
+};
 
 /* ---- Lines and fields ---- */
 
@@ -52,7 +62,12 @@ static bool next_line(char **text, struct line *l)
     l->number++;
     l->count = 0;
     while (l->count < FIELDS_MAX) {
-        char *comma = strchr(at, ',');
+        char *quote = *at == '"' ? strchr(at + 1, '"') : NULL; /* a comma between quotes separates nothing */
+        char *comma = strchr(quote ? quote : at, ',');
+        if (quote && (quote[1] == ',' || !quote[1])) {
+            at++;
+            *quote = '\0';
+        }
         l->fields[l->count++] = at;
         if (!comma)
             break;
@@ -62,23 +77,31 @@ static bool next_line(char **text, struct line *l)
     return true;
 }
 
-static enum err take_number(const struct line *l, const struct field *f, double *out, struct reason *why)
+/* *mended counts what became 0 or missing and was not stated as missing; NULL: of no interest. */
+static enum err take_number(const struct line *l, const struct field *f, double *out, size_t *mended,
+                            struct reason *why)
 {
     char *end;
 
     if (l->count <= f->index) {
         *out = NAN;
-        return f->optional ? ERR_OK
-                           : err_say(why, ERR_FORMAT, "%s: line %u: has %d fields; field %d, the %s, is missing",
-                                     l->file, l->number, l->count, f->index + 1, f->name);
+        return f->need == UNREAD ? ERR_OK
+                                 : err_say(why, ERR_FORMAT, "%s: line %u: has %d fields; field %d, the %s, is missing",
+                                           l->file, l->number, l->count, f->index + 1, f->name);
     }
     const char *text = l->fields[f->index];
     *out = strtod(text, &end);
-    if (f->optional && !*text) {
-        *out = NAN;
+    const bool blank = !text[strspn(text, " \t")];
+    const bool number = end != text && !end[strspn(end, " \t")] && isfinite(*out);
+    const bool lacks = blank || (number && f->need == MEASURED && *out < f->least);
+    if (f->need != NEEDED && (lacks || (f->need == UNREAD && !(number && *out >= f->least && *out <= f->most)))) {
+        const bool drift = f->need == MEASURED && number && *out >= DRIFT;
+        if (mended && f->need == MEASURED)
+            ++*mended;
+        *out = drift ? 0.0 : NAN;
         return ERR_OK;
     }
-    if (end == text || end[strspn(end, " \t")] || !isfinite(*out))
+    if (!number)
         return err_say(why, ERR_FORMAT, "%s: line %u: field %d, the %s, is '%.20s', which is not a number", l->file,
                        l->number, f->index + 1, f->name, text);
     if (*out >= f->missing) {
@@ -98,15 +121,15 @@ static enum err take_number(const struct line *l, const struct field *f, double 
 
 static enum err take_location(const struct line *l, struct epw *out, struct reason *why)
 {
-    static const struct field latitude = { 6, "latitude", -90, 90, INFINITY, false, false };
-    static const struct field longitude = { 7, "longitude", -180, 180, INFINITY, false, false };
-    static const struct field zone = { 8, "time zone", -12, 14, INFINITY, false, false };
-    enum err e = take_number(l, &latitude, &out->latitude, why);
+    static const struct field latitude = { 6, "latitude", -90, 90, INFINITY, NEEDED, false };
+    static const struct field longitude = { 7, "longitude", -180, 180, INFINITY, NEEDED, false };
+    static const struct field zone = { 8, "time zone", -12, 14, INFINITY, NEEDED, false };
+    enum err e = take_number(l, &latitude, &out->latitude, NULL, why);
 
     if (!e)
-        e = take_number(l, &longitude, &out->longitude, why);
+        e = take_number(l, &longitude, &out->longitude, NULL, why);
     if (!e)
-        e = take_number(l, &zone, &out->zone, why);
+        e = take_number(l, &zone, &out->zone, NULL, why);
     if (!e)
         snprintf(out->place, sizeof(out->place), "%.60s, %.30s", l->fields[1], l->fields[3]);
     return e;
@@ -115,7 +138,7 @@ static enum err take_location(const struct line *l, struct epw *out, struct reas
 /* Lines up to DATA PERIODS, which has the number of records per hour. */
 static enum err take_header(char **text, struct line *l, struct epw *out, struct reason *why)
 {
-    static const struct field per_hour = { 2, "number of records per hour", 1, 60, INFINITY, false, false };
+    static const struct field per_hour = { 2, "number of records per hour", 1, 60, INFINITY, NEEDED, false };
     double n = 1.0;
     enum err e;
 
@@ -132,7 +155,7 @@ static enum err take_header(char **text, struct line *l, struct epw *out, struct
             return err_say(why, ERR_FORMAT, "%s: no line DATA PERIODS among the first hundred", l->file);
     }
     if (!e)
-        e = take_number(l, &per_hour, &n, why);
+        e = take_number(l, &per_hour, &n, NULL, why);
     if (!e && (n != floor(n) || fmod(60.0, n) != 0.0))
         e = err_say(why, ERR_RANGE, "%s: line %u: %g records per hour do not divide an hour into whole minutes",
                     l->file, l->number, n);
@@ -142,29 +165,29 @@ static enum err take_header(char **text, struct line *l, struct epw *out, struct
 
 /* ---- Records ---- */
 
-static enum err take_record(const struct line *l, struct epw_record *r, struct reason *why)
+static enum err take_record(const struct line *l, struct epw_record *r, size_t *mended, struct reason *why)
 {
     static const int days[12] = { 31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31 };
     double month = 1.0, day = 1.0, hour = 1.0;
-    enum err e = take_number(l, &month_field, &month, why);
+    enum err e = take_number(l, &month_field, &month, NULL, why);
 
     *r = (struct epw_record){ .line = l->number };
     if (!e)
-        e = take_number(l, &day_field, &day, why);
+        e = take_number(l, &day_field, &day, NULL, why);
     if (!e && day > days[(int)month - 1])
         e = err_say(why, ERR_RANGE, "%s: line %u: field 3: month %g has no day %g", l->file, l->number, month, day);
     if (!e)
-        e = take_number(l, &hour_field, &hour, why);
+        e = take_number(l, &hour_field, &hour, NULL, why);
     if (!e)
-        e = take_number(l, &dew_field, &r->dew_point, why);
+        e = take_number(l, &dew_field, &r->dew_point, NULL, why);
     if (!e)
-        e = take_number(l, &direct_field, &r->direct_normal, why);
+        e = take_number(l, &direct_field, &r->direct_normal, mended, why);
     if (!e)
-        e = take_number(l, &diffuse_field, &r->diffuse, why);
+        e = take_number(l, &diffuse_field, &r->diffuse, mended, why);
     if (!e)
-        e = take_number(l, &direct_lux_field, &r->direct_normal_lux, why);
+        e = take_number(l, &direct_lux_field, &r->direct_normal_lux, mended, why);
     if (!e)
-        e = take_number(l, &diffuse_lux_field, &r->diffuse_lux, why);
+        e = take_number(l, &diffuse_lux_field, &r->diffuse_lux, mended, why);
     r->month = (int)month;
     r->day = (int)day;
     r->end = hour;
@@ -192,7 +215,7 @@ static enum err take_records(char **text, struct line *l, struct epw *out, struc
             continue;
         if (!mem_reserve(&out->records, out->count, &out->capacity, sizeof(*out->records)))
             return err_say(why, ERR_NOMEM, "%s: out of memory", l->file);
-        const enum err e = take_record(l, &out->records[out->count], why);
+        const enum err e = take_record(l, &out->records[out->count], &out->mended, why);
         if (e)
             return e;
         out->count++;

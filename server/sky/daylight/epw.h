@@ -27,6 +27,7 @@ struct epw {
     double interval;  /* hours that a record covers */
     struct epw_record *records;
     size_t count, capacity;
+    size_t mended; /* measurements that were blank or negative: a little below 0 became 0, others are missing */
 };
 
 /* Reads a file. The caller frees *out with epw_finish. ERR_IO: cannot be read; ERR_FORMAT names line and field;

@@ -140,16 +140,25 @@ static enum err check_order(const struct epw *w, const char *name, struct reason
     return ERR_OK;
 }
 
-static size_t drop_leap_days(struct epw *w)
+static bool is_leap(const struct epw_record *r)
 {
-    size_t kept = 0;
+    return r->month == 2 && r->day == 29;
+}
+
+/* A year has 365 days: 29 February is left out, or takes the place of 1 March. Returns how many records it has. */
+static size_t drop_leap_days(struct epw *w, bool wanted)
+{
+    size_t kept = 0, leap = 0;
 
     for (size_t i = 0; i < w->count; i++)
-        if (w->records[i].month != 2 || w->records[i].day != 29)
-            w->records[kept++] = w->records[i];
-    const size_t dropped = w->count - kept;
+        leap += is_leap(&w->records[i]);
+    for (size_t i = 0; i < w->count; i++) {
+        const struct epw_record *r = &w->records[i];
+        if (wanted && leap > 0 ? r->month != 3 || r->day != 1 : !is_leap(r))
+            w->records[kept++] = *r;
+    }
     w->count = kept;
-    return dropped;
+    return leap;
 }
 
 static enum err choose(const struct epw *w, const struct moments_desc *d, const char *name, struct moments *out,
@@ -177,6 +186,10 @@ static enum err choose(const struct epw *w, const struct moments_desc *d, const 
         if (!mem_reserve(&out->at, out->count, &out->capacity, sizeof(*out->at)))
             return err_say(why, ERR_NOMEM, "%s: out of memory", name);
         date_of(day, &m.month, &m.day);
+        if (d->leap_day) {
+            m.month = 2;
+            m.day = 29;
+        }
         fill(w, d, i, t, &m);
         out->missing += m.missing;
         out->at[out->count++] = m;
@@ -190,9 +203,11 @@ enum err moments_choose(const struct epw *w, const struct moments_desc *desc, co
 {
     struct epw year = *w;
 
-    *out = (struct moments){ .leap = drop_leap_days(&year) };
+    *out = (struct moments){ .leap = drop_leap_days(&year, desc->leap_day) };
     enum err e = year.count > 0 ? check_order(&year, name, why)
                                 : err_say(why, ERR_FORMAT, "%s: it has no weather except for 29 February", name);
+    if (!e && desc->leap_day && out->leap == 0)
+        e = err_say(why, ERR_USAGE, "%s: days=02-29: the file has no 29 February", name);
     if (!e)
         e = choose(&year, desc, name, out, why);
     if (e)

@@ -13,6 +13,7 @@ enum efficacy_kind {
 
 struct moments_desc {
     int first_day, last_day;      /* of the year, 1..365; last before first: over the end of the year */
+    bool leap_day;                /* they are 29 February, in place of 1 March */
     double first_hour, last_hour; /* moments whose middle lies between these clock hours, 0..24 */
     double step_minutes;          /* divides a day; 0: the interval of the file's records */
     enum efficacy_kind efficacy;

@@ -77,7 +77,7 @@ static enum err take_number(const char *scheme, const char *name, const char *va
 
 static enum err take_day(const char *value, const char *text, size_t length, int *out, struct reason *why)
 {
-    static const int days[12] = { 31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31 };
+    static const int days[12] = { 31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31 };
     int month = 0, day = 0, used = 0;
     char one[16];
 
@@ -96,10 +96,13 @@ static enum err take_days(struct moments_desc *c, const char *value, struct reas
 
     if (strcmp(value, "all") == 0)
         return ERR_OK;
-    enum err e = take_day(value, value, first, &c->first_day, why);
+    enum err e = take_day(value, value, first, &c->first_day, why); /* 29 February is the 60th, as 1 March */
     c->last_day = c->first_day;
+    c->leap_day = !colon && strcmp(value, "02-29") == 0;
     if (!e && colon)
         e = take_day(value, colon + 1, strlen(colon + 1), &c->last_day, why);
+    if (!e && colon && strcmp(colon + 1, "02-29") == 0)
+        c->last_day--;
     return e;
 }
 
@@ -269,7 +272,11 @@ static enum err open_weather(struct keys *k, struct reason *why)
         log_warning("%s: no irradiance for %zu of %zu moments, which are skipped: %s", d->file, d->year.missing,
                     d->year.count, missing);
     }
-    if (d->year.leap > 0)
+    if (d->weather.mended > 0)
+        log_warning(
+            "%s: %zu measurements are blank or negative: those a little below 0 became 0, others count as missing",
+            d->file, d->weather.mended);
+    if (d->year.leap > 0 && !k->choice.leap_day)
         log_info("%s: 29 February is left out", d->file);
     return ERR_OK;
 }

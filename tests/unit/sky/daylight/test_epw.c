@@ -68,7 +68,7 @@ static void bad_files_are_refused_with_line_and_field(void **state)
     refuse(",40,", ",140,", "line 1: field 7, the latitude, is 140; expected -90 to 90");
     refuse(",40,", ",north,", "line 1: field 7, the latitude, is 'north', which is not a number");
     refuse("DATA PERIODS,1,1", "DATA PERIODS,1,7", "line 4: 7 records per hour");
-    refuse(",600,", ",-600,", "line 5: field 15, the direct normal radiation, is -600; expected 0 to 1500");
+    refuse(",600,", ",1600,", "line 5: field 15, the direct normal radiation, is 1600; expected 0 to 1500");
     refuse(",80,", ",8O,", "line 5: field 16, the diffuse horizontal radiation, is '8O'");
     refuse(",3,21,", ",13,21,", "line 5: field 2, the month, is 13");
     refuse(",3,21,", ",3.5,21,", "line 5: field 2, the month, is 3.5; expected a whole number");
@@ -79,6 +79,44 @@ static void bad_files_are_refused_with_line_and_field(void **state)
     refuse("2021,3,21,12,0,?9,10.0,5.0,70,101325,9999,9999,9999,0,600,80,999999,999999,999999,9999,0,0,0,0\n", "",
            "the file ends after the header");
     refuse("DATA PERIODS,1,1,Data,Sunday, 1/ 1,12/31\n2021", "2021", "before DATA PERIODS");
+}
+
+/* The record's direct radiation, and whether it was mended, where `from` in the file becomes `to`. */
+static double direct_where(const char *from, const char *to, size_t mended)
+{
+    char record[256], text[1024];
+    struct reason why = { "" };
+    struct epw w;
+
+    weather_record(record, sizeof(record), 3, 21, 12, "600", "80");
+    snprintf(text, sizeof(text), "%s%s", WEATHER_HEADER, record);
+    char *at = strstr(text, from);
+    assert_non_null(at);
+    memmove(at + strlen(to), at + strlen(from), strlen(at + strlen(from)) + 1);
+    memcpy(at, to, strlen(to));
+    if (parse(text, &w, &why))
+        fail_msg("'%s' for '%s': %s", to, from, why.text);
+    const double direct = w.records[0].direct_normal;
+    assert_int_equal(w.mended, mended);
+    assert_true(w.latitude == 40.0);
+    epw_finish(&w);
+    return direct;
+}
+
+/* What is harmless, or is not read, does not refuse a file. */
+static void odd_measurements_are_mended_or_missing(void **state)
+{
+    (void)state;
+    assert_true(direct_where(",600,", ",-0.4,", 1) == 0.0);
+    assert_true(isnan(direct_where(",600,", ",-9999,", 1)));
+    assert_true(isnan(direct_where(",600,", ",,", 1)));
+    assert_true(isnan(direct_where(",600,", ", ,", 1)));
+    assert_true(isnan(direct_where(",600,", ",9999,", 0)));
+    assert_true(direct_where("999999,999999", "-9999,,", 0) == 600.0); /* illuminance */
+    assert_true(direct_where("999999,999999", "none,-1", 0) == 600.0);
+    assert_true(direct_where(",5.0,", ",,", 0) == 600.0); /* dew point */
+    assert_true(direct_where(",5.0,", ",-999,", 0) == 600.0);
+    assert_true(direct_where("LOCATION,", "LOCATION,\"Milan, Linate\",-,-,x,0,40,15,1,0\nX,", 0) == 600.0);
 }
 
 static void a_zero_byte_is_refused_with_line_and_field(void **state)
@@ -225,6 +263,7 @@ static void efficacies_are_applied(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_year_is_read),
     cmocka_unit_test(bad_files_are_refused_with_line_and_field),
+    cmocka_unit_test(odd_measurements_are_mended_or_missing),
     cmocka_unit_test(a_zero_byte_is_refused_with_line_and_field),
     cmocka_unit_test(moments_cover_the_year_and_missing_hours_are_named),
     cmocka_unit_test(days_hours_and_steps_are_chosen),
