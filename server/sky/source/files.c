@@ -1,5 +1,6 @@
 #include "sky/source/files.h"
 
+#include "base/log.h"
 #include "base/mem.h"
 #include "image/codec/decode.h"
 
@@ -88,6 +89,18 @@ bool files_is_frame_name(const char *name)
     return n > 4 && name[0] != '.' && (strcasecmp(name + n - 4, ".exr") == 0 || strcasecmp(name + n - 4, ".hdr") == 0);
 }
 
+bool files_is_other_image(const char *name)
+{
+    static const char *const endings[] = { ".jpg",  ".jpeg", ".png",  ".tif", ".tiff",
+                                           ".webp", ".avif", ".heic", ".pfm", ".dpx" };
+    const char *dot = strrchr(name, '.');
+
+    for (size_t i = 0; dot && name[0] != '.' && i < sizeof(endings) / sizeof(endings[0]); i++)
+        if (strcasecmp(dot, endings[i]) == 0)
+            return true;
+    return false;
+}
+
 /* Skips entries that are not files; keeps those that cannot be examined, so that reading them reports why. */
 static bool is_something_else(const char *path)
 {
@@ -120,13 +133,17 @@ static enum err each_entry(const char *dir, enum err (*take)(const char *name, v
 struct folder_scan {
     const char *dir;
     struct file_list *out;
+    size_t others; /* images that are no frames */
+    char other[64];
 };
 
 static enum err take_frame_name(const char *name, void *arg)
 {
-    const struct folder_scan *scan = arg;
+    struct folder_scan *scan = arg;
     struct file_list *l = scan->out;
 
+    if (files_is_other_image(name) && scan->others++ == 0)
+        snprintf(scan->other, sizeof(scan->other), "%.63s", name);
     if (!files_is_frame_name(name))
         return ERR_OK;
     const enum err e = files_add(l, scan->dir, name, 0);
@@ -135,17 +152,20 @@ static enum err take_frame_name(const char *name, void *arg)
     return e;
 }
 
+static enum err scan_folder(struct folder_scan *scan, struct reason *why)
+{
+    *scan->out = (struct file_list){ .items = NULL };
+    const enum err e = each_entry(scan->dir, take_frame_name, scan, why);
+    if (e)
+        files_finish(scan->out);
+    else
+        sort_and_count(scan->out);
+    return e;
+}
+
 enum err files_from_folder(const char *dir, struct file_list *out, struct reason *why)
 {
-    struct folder_scan scan = { dir, out };
-
-    *out = (struct file_list){ .items = NULL };
-    const enum err e = each_entry(dir, take_frame_name, &scan, why);
-    if (e)
-        files_finish(out);
-    else
-        sort_and_count(out);
-    return e;
+    return scan_folder(&(struct folder_scan){ .dir = dir, .out = out }, why);
 }
 
 /* ---- printf patterns ---- */
@@ -274,7 +294,11 @@ static enum err from_existing(const char *spec, const struct stat *st, struct fi
 {
     if (!S_ISDIR(st->st_mode))
         return files_add(out, NULL, spec, 0);
-    const enum err e = files_from_folder(spec, out, why);
+    struct folder_scan scan = { .dir = spec, .out = out };
+    const enum err e = scan_folder(&scan, why);
+    if (!e && scan.others > 0 && out->count > 0)
+        log_info("%s: its .exr and .hdr files are read; %s%s passed over", spec, scan.other,
+                 scan.others > 1 ? " and other images are" : " is");
     if (!e && out->count == 0)
         return err_say(why, ERR_IO,
                        "%s: the folder contains no .exr or .hdr file; for others give a pattern such as '%s/*.png'",
@@ -348,6 +372,30 @@ enum err files_from_spec(const char *spec, struct file_list *out, struct reason 
     if (e)
         files_finish(out);
     return e;
+}
+
+enum err files_select(struct file_list *l, const struct setting_frames *frames, const char *spec, struct reason *why)
+{
+    const uint64_t least = l->items[0].number, most = l->items[l->count - 1].number; /* in ascending order */
+    size_t kept = 0;
+
+    for (size_t i = 0; i < l->count; i++) {
+        if (!frames->given || (l->items[i].number >= frames->first && l->items[i].number <= frames->last))
+            l->items[kept++] = l->items[i];
+        else
+            mem_free(l->items[i].path);
+    }
+    l->count = kept;
+    if (kept == 0)
+        return err_say(why, ERR_USAGE,
+                       "%s: no frame in the range from %" PRIu64 " to %" PRIu64 "; the numbers run from %" PRIu64
+                       " to %" PRIu64,
+                       spec, frames->first, frames->last, least, most);
+    const struct file_item *last = &l->items[kept - 1];
+    return last->number <= FRAME_NUMBER_MAX
+               ? ERR_OK
+               : err_say(why, ERR_USAGE, "%s: %s: the number is above %" PRIu64 ", the largest frame number", spec,
+                         last->path, FRAME_NUMBER_MAX);
 }
 
 /* ---- Reading ---- */

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "base/err.h"
+#include "base/setting.h"
 #include "image/codec/frame.h"
 
 #include <stdbool.h>
@@ -33,10 +34,18 @@ void files_finish(struct file_list *l); /* frees the list; zeroed memory is allo
  * leading dot until the file is complete.) */
 bool files_is_frame_name(const char *name);
 
+/* Whether it names another image, which only a pattern or its own name makes a frame. */
+bool files_is_other_image(const char *name);
+
 /* Lists everything that `spec` names, ordered and numbered as in source.h. The caller owns *out. A file of exactly that
  * name takes precedence, so that `a%d.exr` or `[a].exr` can be opened. ERR_IO: nothing found. ERR_USAGE: an invalid
  * pattern. ERR_NOMEM. *why names the spec. */
 MUST_CHECK enum err files_from_spec(const char *spec, struct file_list *out, struct reason *why);
+
+/* Keeps only files whose number is in the range, if one is given. ERR_USAGE: none is, or a number exceeds
+ * FRAME_NUMBER_MAX. */
+MUST_CHECK enum err files_select(struct file_list *l, const struct setting_frames *frames, const char *spec,
+                                 struct reason *why);
 
 /* Lists the frames of a folder in byte order, numbered from 0; may be empty. The caller owns *out. ERR_IO, ERR_NOMEM.
  */
@@ -52,15 +61,27 @@ enum err files_say_errno(struct reason *why, const char *path, const char *what,
 
 /* ---- Watched folders ---- */
 
-/* Watches a folder with inotify: files closed after writing or moved in, in order of arrival. Private to this room.
- * Thread: one per watch. */
+/* Watches a folder with inotify: files closed after writing, moved or linked in, in order of arrival. What other
+ * hosts write to a network share, or others through a link, raises no event: the folder is also listed every second or
+ * so, and a file without events of its own that is new or different, and the same twice, counts as complete. Private to
+ * this room. Thread: one per watch. */
+
+struct watch_known;
+struct watch_event;
 
 struct watch {
     char *dir; /* owned */
     int fd;
     bool gone;              /* the folder was removed; no more files will come */
+    bool told_other;        /* that another image was passed over */
     uint64_t number;        /* of the next file to appear */
     struct file_list queue; /* files not yet read, numbered in order of arrival */
+
+    struct watch_known *known; /* owned; the last listing, by name */
+    size_t known_count;
+    struct watch_event *events; /* owned; names with events since then, and those being written */
+    size_t event_count, event_room;
+    int64_t list_ms; /* when to list again */
 };
 
 /* Starts watching. Files that already exist are queued first, in byte order, and assumed complete. ERR_IO: no such

@@ -24,6 +24,7 @@ struct source {
     enum source_kind kind;
     struct setting_frames frames;
     bool loop;
+    bool repeats;           /* SOURCE_FILES: its one file is every frame of the range */
     struct file_list files; /* SOURCE_FILES: only files within the range */
     struct watch watch;     /* SOURCE_WATCH */
     struct sky_desc sky;    /* SOURCE_SKY */
@@ -49,39 +50,6 @@ static bool starts_with(const char *text, const char *start)
 static bool in_range(const struct source *s, uint64_t number)
 {
     return !s->frames.given || (number >= s->frames.first && number <= s->frames.last);
-}
-
-/* Keeps only files whose number is in the range. */
-static enum err cut_to_range(struct source *s, const char *spec, struct reason *why)
-{
-    struct file_list *l = &s->files;
-    const uint64_t least = l->items[0].number, most = l->items[l->count - 1].number;
-    size_t kept = 0;
-
-    for (size_t i = 0; i < l->count; i++) {
-        if (in_range(s, l->items[i].number))
-            l->items[kept++] = l->items[i];
-        else
-            mem_free(l->items[i].path);
-    }
-    l->count = kept;
-    if (kept)
-        return ERR_OK;
-    return err_say(why, ERR_USAGE,
-                   "%s: no frame in the range from %" PRIu64 " to %" PRIu64 "; the numbers run from %" PRIu64
-                   " to %" PRIu64,
-                   spec, s->frames.first, s->frames.last, least, most);
-}
-
-/* Files are in ascending order. */
-static enum err check_numbers(const struct source *s, const char *spec, struct reason *why)
-{
-    const struct file_item *last = &s->files.items[s->files.count - 1];
-
-    if (last->number <= FRAME_NUMBER_MAX)
-        return ERR_OK;
-    return err_say(why, ERR_USAGE, "%s: %s: the number is above %" PRIu64 ", the largest frame number", spec,
-                   last->path, FRAME_NUMBER_MAX);
 }
 
 /* A web server's video of known length is read like a file. */
@@ -157,9 +125,10 @@ static enum err open_spec(struct source *s, const struct source_desc *d, struct 
         return open_video(s, d, video, why);
     if (!e)
         e = files_from_spec(spec, &s->files, why);
-    if (!e)
-        e = cut_to_range(s, spec, why);
-    return e ? e : check_numbers(s, spec, why);
+    s->repeats = !e && d->turn != 0.0 && s->files.count == 1;
+    if (s->repeats)
+        return ERR_OK;
+    return e ? e : files_select(&s->files, &s->frames, spec, why);
 }
 
 const char *source_name(const char *spec, char *out, size_t size)
@@ -210,14 +179,19 @@ static void forget(struct frame *f)
 
 static enum err next_file(struct source *s, struct frame *f, struct reason *why)
 {
-    if (s->files.next == s->files.count) {
+    const uint64_t count = source_count(s); /* 0: there is no last */
+
+    if (count > 0 && s->files.next == count) {
         if (!s->loop)
             return ERR_END;
         s->files.next = 0;
     }
     forget(f);
     s->position = s->files.next;
-    const enum err e = files_read(&s->files.items[s->files.next++], f, why);
+    const enum err e = files_read(&s->files.items[s->repeats ? 0 : s->files.next], f, why);
+    if (s->repeats)
+        f->number = s->files.next + (s->frames.given ? s->frames.first : 0);
+    s->files.next++;
     f->capture_us = 0; /* the modification time of an existing file is when it was copied or converted, not when the
                           light was captured */
     return e;
@@ -379,7 +353,7 @@ static enum err next_live(struct source *s, struct frame *f, struct reason *why)
     return ERR_OK;
 }
 
-enum err source_next(struct source *s, struct frame *f, struct reason *why)
+static enum err next(struct source *s, struct frame *f, struct reason *why)
 {
     switch (s->kind) {
     case SOURCE_FILES: return next_file(s, f, why);
@@ -390,6 +364,15 @@ enum err source_next(struct source *s, struct frame *f, struct reason *why)
     case SOURCE_DAYLIGHT: return next_daylight(s, f, why);
     }
     return ERR_END;
+}
+
+enum err source_next(struct source *s, struct frame *f, struct reason *why)
+{
+    const enum err e = next(s, f, why);
+
+    if (!e && f->kind != FRAME_NONE)
+        f->turn = fmod(s->desc.turn * (double)f->number, 360.0);
+    return e;
 }
 
 /* Frames within the range: counted in a pass, else from the container. */
@@ -409,13 +392,18 @@ static uint64_t video_count(const struct source *s)
     return end > s->frames.first ? end - s->frames.first : 0;
 }
 
+static uint64_t range_count(const struct source *s)
+{
+    return s->frames.given ? s->frames.last - s->frames.first + 1 : 0;
+}
+
 uint64_t source_count(const struct source *s)
 {
     switch (s->kind) {
-    case SOURCE_FILES: return s->files.count;
+    case SOURCE_FILES: return s->repeats ? range_count(s) : s->files.count;
     case SOURCE_LIVE:
     case SOURCE_WATCH: return 0;
-    case SOURCE_SKY: return s->frames.given ? s->frames.last - s->frames.first + 1 : 0;
+    case SOURCE_SKY: return range_count(s);
     case SOURCE_VIDEO: return video_count(s);
     case SOURCE_DAYLIGHT: return s->daylight_count;
     }

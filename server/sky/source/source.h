@@ -42,10 +42,11 @@ struct source_desc {
     const char *spec;             /* as on the command line */
     struct setting_frames frames; /* only frames with these numbers */
     bool loop;                    /* restart after the last frame; numbers repeat */
-    struct video_colour colour;   /* of videos, instead of what they say; zero: as they say */
-    const char *ca;               /* of network sources: see demux.h */
-    bool wait;                    /* wait for a web server that is down, as for other network sources */
-    unsigned tries;               /* give up on a live stream after this many connections without a frame; 0: never */
+    double turn; /* degrees from frame to frame (frame.turn); a single file is then as many frames as `frames` says */
+    struct video_colour colour; /* of videos, instead of what they say; zero: as they say */
+    const char *ca;             /* of network sources: see demux.h */
+    bool wait;                  /* wait for a web server that is down, as for other network sources */
+    unsigned tries;             /* give up on a live stream after this many connections without a frame; 0: never */
 };
 
 bool source_has_video(void); /* whether this build reads videos and live streams */

@@ -489,7 +489,40 @@ static void real_sequence_has_its_67_frames(void **state)
     source_close(s);
 }
 
+/* One map that turns is as many frames as are asked for; several are what they are. */
+static void a_map_that_turns_is_every_frame(void **state)
+{
+    struct folder f;
+    struct frame frame = { .kind = FRAME_NONE };
+    struct reason why = { "" };
+    struct source *s = NULL;
+    (void)state;
+
+    folder_make(&f);
+    folder_put(&f, "sky.1.exr", "x");
+    struct source_desc d = { .spec = folder_path(&f, "sky.1.exr"), .turn = 100.0, .frames = { true, 2, 4 } };
+    assert_string_equal(walk(&d, 100), "2=x 3=x 4=x");
+    assert_int_equal(source_open(&d, &s, &why), ERR_OK);
+    assert_int_equal(source_count(s), 3);
+    for (int n = 2; n <= 4; n++) {
+        assert_int_equal(source_next(s, &frame, &why), ERR_OK);
+        assert_true(frame.turn == (double)(100 * n % 360));
+    }
+    assert_int_equal(source_next(s, &frame, &why), ERR_END);
+    assert_true(source_seek(s, 1));
+    assert_int_equal(source_next(s, &frame, &why), ERR_OK);
+    assert_int_equal(frame.number, 3);
+    source_close(s);
+    folder_put(&f, "sky.2.exr", "y");
+    d.spec = folder_path(&f, "sky.%d.exr");
+    d.frames.given = false;
+    assert_string_equal(walk(&d, 100), "1=x 2=y");
+    frame_finish(&frame);
+    folder_remove(&f);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(a_map_that_turns_is_every_frame),
     cmocka_unit_test(faces_come_as_six_files_in_one_frame),
     cmocka_unit_test(a_hole_is_not_read),
     cmocka_unit_test(pattern_walks_the_numbers_that_exist_in_order),

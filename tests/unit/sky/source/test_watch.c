@@ -241,7 +241,75 @@ static void folder_must_be_there(void **state)
     folder_remove(&f);
 }
 
+/* Waits for the file; the test's own limit ends a wait for ever. */
+static void await(struct source *s, struct frame *frame, const char *name, const char *text)
+{
+    struct reason why = { "" };
+
+    do {
+        assert_int_equal(source_next(s, frame, &why), ERR_OK);
+    } while (frame->kind == FRAME_NONE);
+    const size_t n = strlen(frame->name);
+    assert_string_equal(frame->name + n - strlen(name), name);
+    assert_int_equal(frame->size, strlen(text));
+    assert_memory_equal(frame->bytes, text, strlen(text));
+}
+
+static void links_arrive_when_they_are_made(void **state)
+{
+    struct folder f, other;
+    struct frame frame = { .kind = FRAME_NONE };
+
+    (void)state;
+    folder_make(&f);
+    folder_make(&other);
+    folder_put(&other, "one", "by a hard link");
+    folder_put(&other, "two", "by a symbolic link");
+    struct source *s = watch(&f, NULL);
+    assert_int_equal(link(folder_path(&other, "one"), folder_path(&f, "a.exr")), 0);
+    expect(s, &frame, "/a.exr", "by a hard link");
+    assert_int_equal(symlink(folder_path(&other, "two"), folder_path(&f, "b.exr")), 0);
+    expect(s, &frame, "/b.exr", "by a symbolic link");
+    source_close(s);
+    frame_finish(&frame);
+    folder_remove(&f);
+    folder_remove(&other);
+}
+
+/* As on a network share, where others' writes raise no event: the files are written by names in another folder. */
+static void files_without_events_arrive_by_listing_and_once(void **state)
+{
+    struct folder f, other;
+    struct frame frame = { .kind = FRAME_NONE };
+
+    (void)state;
+    folder_make(&f);
+    folder_make(&other);
+    folder_put(&other, "one", "1");
+    folder_put(&other, "two", "2");
+    assert_int_equal(link(folder_path(&other, "one"), folder_path(&f, "a.exr")), 0);
+    assert_int_equal(symlink(folder_path(&other, "two"), folder_path(&f, "b.exr")), 0);
+    struct source *s = watch(&f, NULL);
+    expect(s, &frame, "/a.exr", "1");
+    expect(s, &frame, "/b.exr", "2");
+    folder_put(&other, "two", "two again");
+    await(s, &frame, "/b.exr", "two again");
+    folder_put(&other, "one", "one again");
+    await(s, &frame, "/a.exr", "one again");
+    folder_put(&f, "c.exr", "by an event"); /* which listings leave alone */
+    await(s, &frame, "/c.exr", "by an event");
+    folder_put(&other, "one", "the last");
+    await(s, &frame, "/a.exr", "the last");
+    assert_int_equal(frame.number, 5);
+    source_close(s);
+    frame_finish(&frame);
+    folder_remove(&f);
+    folder_remove(&other);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(links_arrive_when_they_are_made),
+    cmocka_unit_test(files_without_events_arrive_by_listing_and_once),
     cmocka_unit_test(files_already_there_come_first_in_order),
     cmocka_unit_test(half_written_file_is_not_read),
     cmocka_unit_test(file_moved_in_arrives_and_hidden_names_do_not),
