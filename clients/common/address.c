@@ -48,9 +48,11 @@ enum err address_parse(const char *text, struct address *out, struct reason *why
     }
     if (!rest)
         return err_say(why, ERR_USAGE, "%s: not of the form ws://HOST:PORT or, with TLS, wss://HOST:PORT", text);
-    const char *path = rest[0] && rest[1] ? rest : PROTOCOL_PATH;
-    if (strlen(path) >= sizeof(out->path) || !is_printable(path, strlen(path)))
+    const size_t length = strlen(rest);
+    const bool page = length == 0 || rest[length - 1] == '/'; /* below which the connection is */
+    if (length + strlen(PROTOCOL_PATH) >= sizeof(out->path) || !is_printable(rest, length))
         return err_say(why, ERR_USAGE, "%.200s: the path is too long, or has blanks or control characters", text);
-    snprintf(out->path, sizeof(out->path), "%s", path);
+    snprintf(out->path, sizeof(out->path), "%.*s%s", (int)(length - (page && length > 0)), rest,
+             page ? PROTOCOL_PATH : "");
     return ERR_OK;
 }

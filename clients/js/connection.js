@@ -185,7 +185,7 @@ export class Connection {
   async explain() {
     let detail = 'The server cannot be reached.';
     try {
-      const url = new URL('/healthz', this.url.replace(/^ws/, 'http'));
+      const url = new URL('healthz', this.url.replace(/^ws/, 'http'));
       const health = await (await this.world.fetch(url, { cache: 'no-store' })).json();
       if (health.protocol && health.protocol !== PROTOCOL) {
         this.set({ name: 'refused', detail: `The server speaks ${health.protocol}, this viewer ${PROTOCOL}. Reloading the page may help.` });

@@ -2,7 +2,7 @@
 
 export const PROTOCOL = 'relight.v1';
 export const VERSION = { major: 1, minor: 2 };
-export const PATH = '/ws';
+export const PATH = 'ws'; // relative: a proxy may serve relightd below a path
 export const CREDIT = 2;
 
 export const PICTURE_BYTES = 80;

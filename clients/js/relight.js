@@ -22,7 +22,7 @@ export class RelightError extends Error {
   }
 }
 
-// ws://HOST:PORT/ws and the token behind #, from ws://, wss://, http:// and https:// addresses.
+// ws://HOST:PORT/ws and the token behind #, from ws://, wss://, http:// and https:// addresses. A path that ends in / is that of a page.
 export function address(text) {
   let url;
   try {
@@ -32,7 +32,7 @@ export function address(text) {
   }
   const scheme = { 'ws:': 'ws:', 'wss:': 'wss:', 'http:': 'ws:', 'https:': 'wss:' }[url.protocol];
   if (!scheme) throw new TypeError(`${text}: expected ws://HOST:PORT or wss://HOST:PORT`);
-  const path = url.pathname === '/' ? PATH : url.pathname;
+  const path = url.pathname.endsWith('/') ? url.pathname + PATH : url.pathname;
   return { url: `${scheme}//${url.host}${path}`, token: new URLSearchParams(url.hash.slice(1)).get('token') ?? undefined };
 }
 

@@ -245,7 +245,8 @@ def _address(url, token):
     if parts.scheme not in schemes or not parts.hostname:
         raise ValueError(f"{url!r}: expected ws://HOST:PORT or wss://HOST:PORT")
     said = urllib.parse.parse_qs(parts.fragment).get("token", [None])[0]
-    path = parts.path if parts.path not in ("", "/") else "/ws"
+    page = parts.path or "/"
+    path = page + "ws" if page.endswith("/") else page
     return f"{schemes[parts.scheme]}://{parts.netloc}{path}", token if token is not None else said
 
 

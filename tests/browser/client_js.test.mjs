@@ -23,6 +23,7 @@ after(async () => {
 
 test('addresses', () => {
   assert.deepEqual(address('http://host:8080/#role=viewer&token=a%20b'), { url: 'ws://host:8080/ws', token: 'a b' });
+  assert.deepEqual(address('https://host/sky/#token=a'), { url: 'wss://host/sky/ws', token: 'a' });
   assert.deepEqual(address('wss://host/other'), { url: 'wss://host/other', token: undefined });
   for (const wrong of ['host:8080', 'ftp://host', '']) assert.throws(() => address(wrong), /expected ws:/);
 });

@@ -1,6 +1,7 @@
 // The page behind slow and long connections: images stay current, and it recovers by itself. Times are printed, not
 // asserted. RELIGHT_PATTERN_SERVER names the server.
 import assert from 'node:assert/strict';
+import { connect, createServer } from 'node:net';
 import { test } from 'node:test';
 import { CREDIT } from '../../clients/js/protocol.js';
 import { beginTests, startServer, until, untilFrames, untilSentence, untilState } from './lib.mjs';
@@ -40,6 +41,38 @@ async function withRelay(args, line, query, body) {
     await server.stop();
   }
 }
+
+// As nginx with `location /sky/ { proxy_pass http://relightd/; }`.
+async function startBelow(target) {
+  const server = createServer((near) => {
+    near.once('data', (head) => {
+      const far = connect(target, '127.0.0.1');
+      const text = head.toString('latin1').replace(/^([A-Z]+) (\/sky)?\//, (all, verb, below) => `${verb} ${below ? '/' : '/outside/'}`);
+      far.write(Buffer.from(text.replace(/\r\nConnection: keep-alive/i, '\r\nConnection: close'), 'latin1'));
+      near.pipe(far).pipe(near);
+      far.on('error', () => near.destroy());
+      near.on('error', () => far.destroy());
+    });
+  });
+  await new Promise((resolve) => { server.listen(0, '127.0.0.1', resolve); });
+  return { url: `http://127.0.0.1:${server.address().port}/sky/`, stop: () => server.close() };
+}
+
+test('the page lives below a path of a proxy', async () => {
+  const server = await startServer(PATTERN, []);
+  const proxy = await startBelow(server.port);
+  const page = await chromium.browser.newPage();
+  try {
+    await page.goto(proxy.url);
+    await untilFrames(page, 3);
+    await page.goto(`${proxy.url}embed.html`);
+    await page.waitForFunction(() => document.querySelector('canvas, img, video')?.width > 0);
+  } finally {
+    await page.close();
+    proxy.stop();
+    await server.stop();
+  }
+});
 
 const median = (values) => [...values].sort((a, b) => a - b)[values.length >> 1];
 

@@ -182,6 +182,8 @@ async def video_of_a_web_server_plays_like_a_file(folder):
         check(sorted(p.name for p in folder.glob("out.*")) == ["out.3.exr", "out.4.exr"], "other frames")
         program = await run("relight-render", "--source", web.url + "/none.mp4", "--out", folder / "none.exr")
         expect(program, 1, "404")
+        program = await run("relight-feed", "--out", folder / "none.%d.exr", web.url + "/none.mp4")
+        expect(program, 1, "404")  # at once: nobody waits for a web server to write files
 
 
 async def web_server_that_is_down_is_waited_for(folder):

@@ -17,6 +17,7 @@ static void host_port_and_path_are_found(void **state)
         { "http://127.0.0.1:8123/", "127.0.0.1", "127.0.0.1:8123", "/ws", 8123, false },
         { "ws://example.org", "example.org", "example.org:8080", "/ws", 8080, false },
         { "ws://[::1]:81/behind/proxy", "::1", "[::1]:81", "/behind/proxy", 81, false },
+        { "http://example.org:80/sky/", "example.org", "example.org:80", "/sky/ws", 80, false },
         { "ws://[fe80::1]", "fe80::1", "[fe80::1]:8080", "/ws", 8080, false },
         { "ws://[fe80::1%eth0]:90", "fe80::1%eth0", "[fe80::1]:90", "/ws", 90, false },
         { "wss://example.org", "example.org", "example.org:443", "/ws", 443, true },
