@@ -279,6 +279,8 @@ static bool print_asked(const struct command *c, const char *flag, const char *n
 
 enum err command_parse(struct command *c, int argc, char **argv, bool *done, struct reason *why)
 {
+    static char out[] = "--out";
+    bool ended = false; /* by --: the rest are operands */
     enum err e = ERR_OK;
 
     *done = false;
@@ -286,10 +288,14 @@ enum err command_parse(struct command *c, int argc, char **argv, bool *done, str
     for (size_t k = 0; k < c->flag_count; k++)
         c->flags[k].seen = false;
     for (int i = 1; i < argc && !e; i++) {
-        *done = print_asked(c, argv[i], i + 1 < argc ? argv[i + 1] : NULL);
+        *done = !ended && print_asked(c, argv[i], i + 1 < argc ? argv[i + 1] : NULL);
         if (*done)
             return ERR_OK;
-        if (strncmp(argv[i], "--", 2) == 0 && argv[i][2])
+        if (!ended && strcmp(argv[i], "-o") == 0 && find(c, "out", 3)) /* as compilers and converters have it */
+            argv[i] = out;
+        if (!ended && strcmp(argv[i], "--") == 0)
+            ended = true;
+        else if (!ended && strncmp(argv[i], "--", 2) == 0)
             e = take_flag(c, argc, argv, &i, why);
         else if (c->operand_count < c->operand_max)
             c->operands[c->operand_count++] = argv[i];

@@ -5,7 +5,7 @@
 #include "base/setting.h"
 
 #define COMMAND_LISTS 2         /* the shared table and the program's own */
-#define COMMAND_FLAGS 96        /* bounds a table; relightd has 95 */
+#define COMMAND_FLAGS 112       /* bounds a table; relightd has 98 */
 #define COMMAND_OPERANDS 8      /* programs take two at most */
 #define COMMAND_TUNE_BYTES 1024 /* each key once takes about 100 */
 

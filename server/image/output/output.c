@@ -296,7 +296,7 @@ void output_destroy(struct output *o)
 
 bool output_is_numbered(const struct output *o)
 {
-    const bool images_in_turn = file_is_stdout(o->desc.pattern) && o->format->exposed; /* for ffmpeg's image2pipe */
+    const bool images_in_turn = file_is_stdout(o->desc.pattern); /* as ffmpeg's image2pipe takes them */
 
     return o->pattern.length > 0 || o->format->movie || images_in_turn;
 }
@@ -358,9 +358,19 @@ enum err output_numbers(const struct output *o, uint64_t **out, size_t *count)
     return ERR_OK;
 }
 
+bool output_is_movie(const struct output *o)
+{
+    return o && o->format->movie;
+}
+
 bool output_is_exposed(const struct output *o)
 {
     return o->format->exposed;
+}
+
+double output_exposure(const struct output *o)
+{
+    return o->stops;
 }
 
 void output_fix_exposure(struct output *o, double stops)
@@ -386,6 +396,8 @@ enum err output_write(struct output *o, const float *rgb, const float *rgba, uin
     char name[4096];
     const enum err e = file_pattern_name(&o->pattern, frame, name, sizeof(name), why);
 
+    if (!o->fixed)
+        o->stops = log2(parts.gain);
     if (!e && !o->replaced && !o->movie && !file_is_stdout(name) && access(name, F_OK) == 0) {
         log_info("%s exists and is replaced%s", name, o->pattern.length > 0 ? ", and so are others" : "");
         o->replaced = true;

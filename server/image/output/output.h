@@ -47,6 +47,7 @@ bool output_is_numbered(const struct output *o);
 
 /* Whether frames go one behind another into one file: a video, or standard output. */
 bool output_is_stream(const struct output *o);
+bool output_is_movie(const struct output *o); /* a video; NULL: none */
 
 /* Whether the file of a frame is there: files appear whole. */
 bool output_exists(const struct output *o, uint64_t frame);
@@ -56,6 +57,9 @@ MUST_CHECK enum err output_numbers(const struct output *o, uint64_t **out, size_
 
 /* Whether the format is tone-mapped, under an exposure. */
 bool output_is_exposed(const struct output *o);
+
+/* That of the last image, stops. */
+double output_exposure(const struct output *o);
 
 /* From now on the gain is 2^stops; without, exposure adapts from frame to frame, by rgb. */
 void output_fix_exposure(struct output *o, double stops);

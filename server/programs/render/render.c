@@ -27,9 +27,12 @@ static enum err open_outputs(struct render *r, struct reason *why)
         e = output_create(&output, d->setup.set_desc.width, d->setup.set_desc.height, &r->output, why);
     if (!e && r->output && !output_is_numbered(r->output) && source_count(r->source) > 1)
         e = err_say(why, ERR_USAGE,
-                    "--out '%s' takes one %s, but the source has %" PRIu64 " frames: %s, or select one with --frames",
-                    d->output.pattern, output.format ? "EXR" : "file", source_count(r->source),
-                    output.format ? "use another --format" : "add %04d for the frame number");
+                    "--out '%s' takes one file, but the source has %" PRIu64
+                    " frames: add %%04d for the frame number, or select one with --frames",
+                    d->output.pattern, source_count(r->source));
+    if (!e && output.pattern && source_count(r->source) == 1 && source_kind(r->source) == SOURCE_FILES &&
+        output_is_movie(r->output))
+        log_warning("--out %s: a video of one image: %s is one frame", d->output.pattern, d->setup.source_desc.spec);
     if (!e)
         e = render_changes_create(r, why);
     if (!e)
@@ -221,7 +224,7 @@ static enum err render_frame(struct render *r, struct reason *why)
         r->refused++;
         return e == ERR_NOMEM ? e : ERR_OK;
     }
-    environment_warn_clipped(r->environment, &r->warned_clipped);
+    environment_report(r->environment, &r->said);
     if (r->unmetered)
         e = render_meter(r, why);
     if (e)
@@ -299,6 +302,19 @@ static enum err render_all(struct render *r, struct reason *why)
     return r->output ? output_finish(r->output, why) : ERR_OK;
 }
 
+/* "wrote day.%03d.png: 10 images of 640x360 in 12.3 s, exposure -0.3 EV". */
+static void tell_written(const struct render *r, uint64_t rendered)
+{
+    const struct output_desc *d = &r->desc.output;
+    char exposure[40] = "", count[40];
+
+    if (output_is_exposed(r->output))
+        snprintf(exposure, sizeof(exposure), ", exposure %+.1f EV", output_exposure(r->output) + 0.0);
+    snprintf(count, sizeof(count), "%" PRIu64 " image%s", rendered, rendered == 1 ? "" : "s");
+    log_info("wrote %s: %s of %ux%u in %.3g s%s", strcmp(d->pattern, "-") == 0 ? "standard output" : d->pattern, count,
+             r->desc.setup.set_desc.width, r->desc.setup.set_desc.height, clock_seconds() - r->begun_s, exposure);
+}
+
 /* Says what all ranks did. Frames that were refused are an error, after all others are done. */
 static enum err sum_up(struct render *r, enum err e, struct reason *why)
 {
@@ -309,6 +325,8 @@ static enum err sum_up(struct render *r, enum err e, struct reason *why)
                    kept = ranks_sum(ranks, r->kept);
     if (r->desc.resume && kept > 0 && ranks_index(ranks) == 0)
         log_info("%" PRIu64 " existing images are kept, %" PRIu64 " are new", kept, rendered);
+    if (!e && rendered > 0 && r->output && ranks_index(ranks) == 0)
+        tell_written(r, rendered);
     if (!e && refused)
         return err_say(why, ERR_FORMAT, "%" PRIu64 " of %" PRIu64 " frames could not be used (named above)", refused,
                        refused + rendered + kept);
@@ -352,7 +370,7 @@ static enum err finish(struct render *r, enum err e, struct reason *why)
 
 enum err render_sequence(const struct render_desc *desc, struct reason *why)
 {
-    struct render r = { .desc = *desc };
+    struct render r = { .desc = *desc, .begun_s = clock_seconds() };
     enum err e = prepare(&r, why);
 
     if (e)

@@ -64,7 +64,8 @@ struct render {
         char *at;
         size_t size, capacity;
     } texts;
-    bool warned_clipped;
+    unsigned said;                /* by environment_report */
+    double begun_s;               /* clock_seconds */
     struct progress line;         /* of the whole sequence */
     struct render_layers *layers; /* NULL: not requested */
     bool unmetered;               /* --exposure auto has no value yet */

@@ -1,5 +1,7 @@
 #include "programs/render/render_internal.h"
 
+#include "sky/tables/sky_table.h"
+
 #include <jansson.h>
 
 /* Which estimator took which class, with what, and what was left out and why. */
@@ -17,6 +19,15 @@ static json_t *plan_stats(const struct relight_stats *s)
                      (json_int_t)p->particles, "eye_paths", (int)p->eye_paths, "left_out", left_out);
 }
 
+/* Where the environment's sun stands; null: it has none. */
+static json_t *sun_stats(const struct environment *e)
+{
+    struct sun_place sun;
+
+    return sky_find_sun(e, &sun) ? json_pack("{s:f, s:f}", "elevation", sun.elevation, "azimuth", sun.azimuth)
+                                 : json_null();
+}
+
 static json_t *image_stats(const struct render *r, const struct relight_stats *s, const double ms[3])
 {
     const struct gbuffer *g = r->set->gbuffer;
@@ -24,7 +35,7 @@ static json_t *image_stats(const struct render *r, const struct relight_stats *s
 
     return json_pack("{s:{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}, s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:I, s:I}, "
                      "s:{s:I, s:I, s:I}, "
-                     "s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:f, s:I}}",
+                     "s:{s:I, s:I, s:I, s:I}, s:{s:I, s:I, s:f, s:I}, s:o}",
                      "ms", "decode", ms[0], "rebuild", ms[1], "shade", s->shade_ms, "eye_paths", s->eye_ms,
                      "light_tracer", s->light_ms, "filter", s->filter_ms, "resolve", s->resolve_ms, "write", ms[2],
                      "rays", "direct", (json_int_t)s->direct.rays, "eye_paths", (json_int_t)s->eye.rays, "light_tracer",
@@ -35,7 +46,7 @@ static json_t *image_stats(const struct render *r, const struct relight_stats *s
                      (json_int_t)s->light.splats, "repaired", "nan", (json_int_t)f->nan, "infinite",
                      (json_int_t)f->infinite, "negative", (json_int_t)f->negative, "clipped", (json_int_t)f->clipped,
                      "gbuffer", "shade_points", (json_int_t)g->point_count, "edge_pixels", (json_int_t)g->edge_pixels,
-                     "cut_rays", g->cut_weight, "bytes", (json_int_t)g->bytes);
+                     "cut_rays", g->cut_weight, "bytes", (json_int_t)g->bytes, "sun", sun_stats(r->environment));
 }
 
 /* The audit's estimate of the frame's relMSE; nulls: it is not known. */

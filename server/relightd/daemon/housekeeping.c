@@ -32,8 +32,9 @@ static void watch_image(struct housekeeping_thread *t)
     if (1e-3 * (double)passed_ms <= limit_s)
         return;
     if (t->late_ms != begun_ms)
-        log_warning("an image takes longer than %g s (--max-picture-seconds): fewer samples or a smaller size help",
-                    limit_s);
+        log_info("an image takes longer than %g s (--max-picture-seconds): the machine is busy, or samples and size "
+                 "are large for it",
+                 limit_s);
     if (t->late_ms != begun_ms || t->turns % ALL_EVERY == 0)
         status_image_late(&t->shared->status, 1e-3 * (double)passed_ms, t->late_ms != begun_ms);
     t->late_ms = begun_ms;

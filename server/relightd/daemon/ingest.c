@@ -52,6 +52,19 @@ static void note_position(const struct ingest_thread *t, struct ingested *in)
     in->has_place = t->source && source_place(t->source, &in->place);
 }
 
+/* Of a map that says nothing of its sun. At most once a second: it takes a pass over the map. */
+static void note_sun(struct ingest_thread *t, struct ingested *in)
+{
+    if (in->has_sky || in->has_place)
+        return;
+    if (t->sun_ms == 0 || clock_ms() - t->sun_ms >= 1000) {
+        t->has_sun = sky_find_sun(in->environment, &t->sun);
+        t->sun_ms = clock_ms();
+    }
+    in->has_sun = t->has_sun;
+    in->sun = t->sun;
+}
+
 /* Frees the memory of idle slots that once held a far larger frame than recent ones. */
 static void shrink_idle_slots(struct frame_slots *frames, int slot)
 {
@@ -77,6 +90,8 @@ static enum err decode(struct ingest_thread *t, struct environment *out, const s
     atomic_store(&shared->reading, true);
     atomic_store(shared->new_work, true); /* refinement gives its processors to the new frame */
     environment_configure(out, &(struct environment_desc){ .layout = c->setup.environment.layout,
+                                                           .layer = c->setup.environment.layer,
+                                                           .sun_azimuth = c->setup.environment.sun_azimuth,
                                                            .decoder = t->decoder ? &decoder : NULL,
                                                            .rotation_degrees = now.rotation_degrees,
                                                            .scale_stops = now.scale_stops,
@@ -101,10 +116,11 @@ enum err ingest_frame(struct ingest_thread *t, const struct frame *f, const stru
 
     if (e)
         return e;
-    environment_warn_clipped(in->environment, &t->warned_clipped);
+    environment_report(in->environment, &t->said);
     in->ticket = *ticket;
     in->decode_ms = 1e3 * (clock_seconds() - start);
     note_position(t, in);
+    note_sun(t, in);
     shrink_idle_slots(frames, slot);
     in->ready_ms = clock_ms();
     const struct image_faults faults = in->environment->image.faults; /* once published, the slot is the reader's */

@@ -10,7 +10,10 @@ struct ingest_thread {
     struct shared *shared;
     struct source *source;   /* NULL: producers send the frames */
     struct decoder *decoder; /* NULL: files are decoded in this process */
-    bool warned_clipped;
+    unsigned said;           /* by environment_report */
+    bool has_sun;            /* the map of sun_ms, which had */
+    struct sun_place sun;    /* this one */
+    int64_t sun_ms;          /* clock_ms; 0: none was looked at */
     pthread_t thread;
     bool running;
     atomic_bool prepared; /* ingest_thread_go_on was called */

@@ -9,6 +9,7 @@
 #include "sky/source/sky.h"
 #include "sky/source/source.h"
 #include "sky/tables/environment.h"
+#include "sky/tables/sky_table.h"
 
 struct daemon_config;
 
@@ -23,6 +24,8 @@ struct ingested {
     struct sky_desc sky; /* this */
     bool has_place;      /* a weather file: of */
     struct source_place place;
+    bool has_sun; /* another map, with a sun */
+    struct sun_place sun;
 };
 
 /* A linear image, float[height][width][3], ready to encode. */

@@ -265,6 +265,11 @@ static void note_sun(struct server_figures *f, const struct ingested *in)
     f->has_place = in->has_place;
     if (in->has_place)
         note_weather(f, in);
+    if (!in->has_sky && !in->has_place && in->has_sun) {
+        f->has_sun = true;
+        f->sun_elevation = in->sun.elevation;
+        f->sun_azimuth = in->sun.azimuth;
+    }
     if (!in->has_sky)
         return;
     sky_state_at(&in->sky, in->environment->number, &s);

@@ -98,6 +98,16 @@ static const char *without_video(const struct setup *s)
     return setup_computes_sky(s) ? "the source is computed, no video" : NULL;
 }
 
+static const char *without_file(const struct setup *s)
+{
+    return setup_computes_sky(s) ? "the source is computed, no map from a file" : NULL;
+}
+
+static const char *without_turn(const struct setup *s)
+{
+    return s->environment.sun_azimuth > 0.0 ? "--sun-azimuth turns each map" : NULL;
+}
+
 static const char *without_components(const struct setup *s)
 {
     return s->light.direct.method == METHOD_COMPONENTS ? NULL : "it is for --method components";
@@ -137,6 +147,9 @@ static const struct {
     { "paths", without_whole_light },
     { "samples", without_whole_light },
     { "no-visibility", without_shadow_rays },
+    { "layer", without_file },
+    { "rotate", without_turn },
+    { "rotate-speed", without_turn },
     { "source-transfer", without_video },
     { "source-peak", without_video },
     { "source-ca", without_video },
@@ -150,6 +163,8 @@ void setup_report_ignored(struct command *c, const struct setup *s)
         if (why)
             log_warning("%s%s has no effect: %s", setting_prefix(f->row), f->row->name, why);
     }
+    if (!has_class(s, ~(unsigned)PATH_CAUSTICS) && s->light.caustics == PLAN_NONE)
+        log_warning("--paths caustics shows only what --caustics none leaves out: the image is black");
     const long processors = sysconf(_SC_NPROCESSORS_ONLN);
     if (processors > 0 && s->threads > (unsigned long)processors)
         log_warning("--threads %u: this machine has %ld processors; more threads than that make it slower", s->threads,

@@ -61,6 +61,7 @@ struct setup {
     const char *position, *look_at; /* X,Y,Z; NULL: the camera's */
     double fov;                     /* degrees; 0: the camera's */
     int projection;                 /* enum camera_projection; perspective: the camera's */
+    double sun_azimuth;             /* degrees; below 0: as it is */
     double time;                    /* s; TIME_REST: no pose of an animation */
 };
 

@@ -28,6 +28,11 @@ static const struct setting_choice compensate_choices[] = {
     { NULL, 0, NULL, 0 },
 };
 
+static const struct setting_choice azimuth_choices[] = {
+    { "own", -1, NULL, 0 },
+    { NULL, 0, NULL, 0 },
+};
+
 static const struct setting_choice time_choices[] = {
     { "rest", TIME_REST, NULL, 0 },
     { NULL, 0, NULL, 0 },
@@ -133,6 +138,14 @@ const struct setting settings_table[] = {
       FOR_RELIGHTD, SWITCH_OFF, AT(source_desc.loop) },
     { "layout", "L", "layout of the environment map", "auto", EXPERT, SCENE, LIGHT_PROGRAMS, CHOICE(layout_choices),
       AT(environment.layout) },
+    { "sun-azimuth", "DEGREES",
+      "turn each map so that its sun stands there, from north (+Z) over east (-X), in place of --rotate", "own", EXPERT,
+      SCENE, LIGHT_PROGRAMS, REAL(0.0, 360.0), OR_WORD(azimuth_choices), AT(sun_azimuth) },
+    { "rotate-speed", "DEGREES",
+      "rotate the environment by so much from frame to frame; one file is then as many frames as --frames says", "0",
+      EXPERT, SCENE, LIGHT_PROGRAMS, REAL(-360.0, 360.0), AT(source_desc.turn) },
+    { "layer", "NAME", "layer or part of OpenEXR maps; default: the one named like an image", NULL, EXPERT, SCENE,
+      LIGHT_PROGRAMS, TEXT, AT(environment.layer) },
 
     { "size", "WxH", "image size in pixels", "640x360", RENDERING, .type = SETTING_SIZE, AT(size) },
     { "reseed", NULL, "new random numbers in each frame, so that noise moves", NULL, EXPERT, RENDERING, LIGHT_PROGRAMS,
@@ -223,6 +236,7 @@ enum err setup_complete(struct setup *s, struct reason *why)
     s->light.classes = initial->classes;
     s->environment.rotation_degrees = initial->rotation_degrees;
     s->environment.scale_stops = initial->scale_stops;
+    s->environment.sun_azimuth = s->sun_azimuth < 0.0 ? 0.0 : s->sun_azimuth == 0.0 ? 360.0 : s->sun_azimuth;
     if (!s->light.cache_file)
         s->light.cache_file = s->light.cache_dir && strcmp(s->light.cache_dir, "off") == 0 ? NULL : "";
     else if (strcmp(s->light.cache_file, "off") == 0)

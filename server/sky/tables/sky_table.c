@@ -215,6 +215,23 @@ static enum err find_sun(struct sky_table *t)
     return e;
 }
 
+bool sky_find_sun(const struct environment *e, struct sun_place *out)
+{
+    struct sky_table t = { .environment = e, .n = e->n };
+
+    t.row_max = mem_alloc((size_t)CUBE_FACES * e->n, sizeof(*t.row_max));
+    if (t.row_max)
+        measure(&t);
+    const bool found = t.level > 0.0f && find_sun(&t) == ERR_OK && t.has_sun;
+    if (found) {
+        const double azimuth = atan2(-(double)t.sun_axis[0], (double)t.sun_axis[2]) * 180.0 / PI;
+        out->elevation = asin(fmin(fmax((double)t.sun_axis[1], -1.0), 1.0)) * 180.0 / PI;
+        out->azimuth = azimuth < 0.0 ? azimuth + 360.0 : azimuth;
+    }
+    sky_table_finish(&t);
+    return found;
+}
+
 /* The first of the sun's texels at or after `at`. */
 static uint32_t find_sun_texel(const struct sky_table *t, uint32_t at)
 {

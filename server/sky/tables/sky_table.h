@@ -62,6 +62,13 @@ struct sky_table {
  * maximum luminance of each row of texels. The result does not depend on the number of threads. */
 float sky_level(const struct environment *e, float *row_max);
 
+struct sun_place { /* degrees; azimuth from north (+Z) over east (-X), 0 to 360 */
+    double elevation, azimuth;
+};
+
+/* The middle of the environment's sun. False: there is none, or no memory. */
+bool sky_find_sun(const struct environment *e, struct sun_place *out);
+
 /* Builds the table. e must be ready and unchanged while the table is used. ERR_USAGE: cells is not 1, 2, 4 or 8 or does
  * not divide n. ERR_NOMEM. On error the table must not be used. The result does not depend on the number of OpenMP
  * threads. */

@@ -32,6 +32,7 @@ static struct setting rows[] = {
     { "fast", NULL, "a switch", NULL, IN, SWITCH, AT(fast) },
     { "frames", "A-B", "which", NULL, IN, .type = SETTING_FRAMES, AT(frames) },
     { "to", "URL", "where to", NULL, IN, TEXTS, AT(to) },
+    { "out", "FILE", "result", NULL, IN, TEXT },
     { "fine", "N", "for experts", NULL, EXPERT, IN, TEXT },
     { "knob", "K", "a detail", "2", TUNE, POWER(8), AT(knob) },
     { "wild", NULL, "another", NULL, TUNE, SWITCH, AT(wild) },
@@ -362,7 +363,23 @@ static void version_is_told_in_one_line(void **state)
     assert_true(g.done);
 }
 
+/* -o is what other programs call it; -- ends the flags. */
+static void short_out_and_the_end_of_flags_are_known(void **state)
+{
+    struct given g;
+    (void)state;
+
+    assert_int_equal(give(&g, 0, (const char *[]){ "-o", "a.png", NULL }), ERR_OK);
+    assert_string_equal(command_get(&g.c, "out"), "a.png");
+    assert_int_equal(give(&g, 2, (const char *[]){ "--fast", "--", "--help", "-o", NULL }), ERR_OK);
+    assert_false(g.done);
+    assert_string_equal(g.c.operands[0], "--help");
+    assert_string_equal(g.c.operands[1], "-o");
+    assert_null(command_get(&g.c, "out"));
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(short_out_and_the_end_of_flags_are_known),
     cmocka_unit_test(defaults_hold_until_something_is_given),
     cmocka_unit_test(values_follow_a_space_or_an_equals_sign),
     cmocka_unit_test(last_of_two_wins),

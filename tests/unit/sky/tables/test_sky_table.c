@@ -386,7 +386,36 @@ static void captured_skies_have_the_suns_that_are_seen(void **state)
     environment_destroy(e);
 }
 
+/* Azimuths from north (+Z) over east (-X). */
+static void a_maps_sun_is_found_and_turned_where_it_is_wanted(void **state)
+{
+    const double azimuth = 120.0 * DEGREE, high = 30.0 * DEGREE;
+    const double towards[3] = { -sin(azimuth) * cos(high), sin(high), cos(azimuth) * cos(high) };
+    struct environment *e = make_disc(128, towards, 1.0, 1e5f), *dull = sky_environment(sky_overcast(64, 32), 64, 0.0);
+    struct environment_desc d = { .sun_azimuth = 200.0 };
+    struct frame f = { .kind = FRAME_TEXELS, .rgb = e->image.rgb, .width = 512, .height = 256, .turn = 10.0 };
+    struct sun_place sun;
+    struct reason why;
+    (void)state;
+
+    assert_false(sky_find_sun(dull, &sun));
+    assert_true(sky_find_sun(e, &sun));
+    assert_true(fabs(sun.azimuth - 120.0) < 0.2 && fabs(sun.elevation - 30.0) < 0.2);
+    struct environment *turned = environment_create(&(struct environment_desc){ .n = 128, .rotation_degrees = 20.0 });
+    assert_int_equal(environment_update(turned, &f, &why), ERR_OK);
+    assert_true(sky_find_sun(turned, &sun)); /* positive angles turn north to west */
+    assert_true(fabs(sun.azimuth - 90.0) < 0.2);
+    environment_configure(turned, &d);
+    assert_int_equal(environment_update(turned, &f, &why), ERR_OK);
+    assert_true(sky_find_sun(turned, &sun));
+    assert_true(fabs(sun.azimuth - 200.0) < 0.2 && fabs(sun.elevation - 30.0) < 0.2);
+    environment_destroy(turned);
+    environment_destroy(dull);
+    environment_destroy(e);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(a_maps_sun_is_found_and_turned_where_it_is_wanted),
     cmocka_unit_test(cells_that_do_not_fit_are_refused),
     cmocka_unit_test(one_plain_cell_is_the_face_itself),
     cmocka_unit_test(strata_share_out_the_whole_luminance),
