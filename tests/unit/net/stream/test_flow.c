@@ -26,8 +26,10 @@ static void a_viewer_that_reads_nothing_neither_delays_others_nor_grows_the_serv
     }
     /* 160 MB went by; a queue per viewer would show */
     assert_true(resident_kib() - before < 8192);
-    server_counters(s, &counters);
-    assert_true(counters.sent >= 200 && counters.sent <= 208);
+    do /* an image is counted after its last byte, which the client may read before */
+        server_counters(s, &counters);
+    while (counters.sent < 200);
+    assert_true(counters.sent <= 208);
     for (int i = 0; i < 4; i++)
         client_shut(&stuck[i]);
     client_shut(&healthy);
