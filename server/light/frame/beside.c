@@ -41,8 +41,6 @@ struct beside {
     float *image, *fresh, *rest; /* [images][height][width][3]; fresh: splats of this round without a shade point, */
     uint32_t rounds;             /* rest: the mean of so many rounds, since the sky or the estimator changed */
     uint64_t key;                /* of the last image */
-    uint32_t *index;             /* [packet_count]: 0, 1, 2, ... */
-    uint64_t behind;             /* points seen in mirrors and through glass */
     uint32_t parts;              /* of half of the samples, in this round */
     uint32_t slice;              /* the next */
     bool shows;                  /* the accumulation has light of this key */
@@ -82,19 +80,13 @@ struct beside *beside_create(const struct prepared_scene *set, struct denoiser *
     b->image = mem_alloc(b->images * b->values, sizeof(float));
     b->fresh = mem_alloc(b->images * b->values, sizeof(float));
     b->rest = mem_alloc(b->images * b->values, sizeof(float));
-    b->index = mem_alloc(g->packet_count + 1, sizeof(*b->index));
-    const void *const all[] = { b->accumulation, b->weight, b->stored[0], b->stored[1], b->half[0], b->half[1],
-                                b->shown,        b->image,  b->fresh,     b->rest,      b->index };
+    const void *const all[] = { b->accumulation, b->weight, b->stored[0], b->stored[1], b->half[0],
+                                b->half[1],      b->shown,  b->image,     b->fresh,     b->rest };
     for (size_t k = 0; k < sizeof(all) / sizeof(all[0]); k++)
         if (!all[k]) {
             beside_destroy(b);
             return NULL;
         }
-    for (uint32_t k = 0; k < g->packet_count; k++) {
-        b->index[k] = k;
-        for (uint32_t l = 0; l < g->packets[k].count; l++)
-            b->behind += g->packets[k].behind[l] != 0;
-    }
     for (uint32_t k = 0; k < g->entry_first[b->values / 3]; k++) {
         const uint32_t point = g->entries[k].point;
         if (!g->packets[point / PACKET].behind[point % PACKET])
@@ -117,7 +109,6 @@ void beside_destroy(struct beside *b)
     mem_free(b->image);
     mem_free(b->fresh);
     mem_free(b->rest);
-    mem_free(b->index);
     mem_free(b);
 }
 
@@ -134,9 +125,9 @@ static uint32_t slices(const struct beside *b)
 /* The parts that half of an image's eye paths take. */
 static uint32_t count_parts(const struct beside *b, const struct eye_paths_desc *eye)
 {
-    const uint64_t found = (eye->paths + 1) / 2 * b->behind,
-                   left =
-                       b->unserved.paths ? (uint64_t)(b->unserved.paths + 1) / 2 * b->unserved.only->count * PACKET : 0;
+    const struct eye_paths_desc *u = &b->unserved;
+    const uint64_t found = (eye->paths + 1) / 2 * b->set->facts.behind,
+                   left = u->paths ? (uint64_t)(u->paths + 1) / 2 * u->only->count * PACKET : 0;
     const uint64_t parts = 1 + (found + left) / PART_PATHS;
 
     return parts < PARTS_MOST ? (uint32_t)parts : PARTS_MOST;
@@ -299,15 +290,13 @@ static enum err run_particles(struct beside *b, struct passes *s, const struct e
 static enum err run_eye_paths(struct beside *b, const struct environment *e, const struct eye_paths_desc *desc,
                               uint64_t k, uint64_t part, struct relight_stats *stats)
 {
-    const struct packet_list all =
-        desc->only ? *desc->only : (struct packet_list){ b->index, b->set->gbuffer->packet_count };
-    const uint64_t first = all.count * part / b->parts, end = all.count * (part + 1) / b->parts;
-    const struct packet_list some = { all.index + first, (uint32_t)(end - first) };
     struct eye_paths_desc own = *desc;
     struct eye_paths_stats found = { 0 };
 
-    if (desc->paths == 0 || some.count == 0)
+    if (desc->paths == 0)
         return ERR_OK;
+    const uint64_t all = desc->only->count, first = all * part / b->parts, end = all * (part + 1) / b->parts;
+    const struct packet_list some = { desc->only->index + first, (uint32_t)(end - first) };
     own.only = &some;
     own.paths = (desc->paths + 1) / 2;
     own.pass = 2 * accumulation_turn(b->accumulation) + k;
@@ -364,13 +353,13 @@ static enum err run_slice(struct beside *b, struct passes *s, struct relight_cau
         b->parts = count_parts(b, eye);
         begin(b, whole);
     }
-    const uint32_t at = b->slice - SLICE_SAMPLES; /* below 0 as well */
-    if (b->slice <= SLICE_STORED_OTHER)
+    if (b->slice < SLICE_SAMPLES)
         result = run_stored(b, c, e, b->slice - SLICE_STORED, stats);
-    else if (at < 2 * b->parts)
-        result = run_half(b, s, c, e, eye, at / b->parts, at % b->parts, stats);
-    else
+    else if (b->slice + 1 == slices(b))
         filter(b, s->lo);
+    else
+        result = run_half(b, s, c, e, eye, (b->slice - SLICE_SAMPLES) / b->parts, (b->slice - SLICE_SAMPLES) % b->parts,
+                          stats);
     b->slice = result || is_cancelled(b->cancel) ? SLICE_STORED : (b->slice + 1) % slices(b);
     return result;
 }

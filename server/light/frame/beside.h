@@ -40,7 +40,7 @@ void beside_describe(struct beside *b, const struct environment *e, const struct
                      const struct relight_stats *stats, bool glides, struct frame_plan *plan);
 
 /* Adds the image's light to s->lo: stored paths, whose number grows by it, particles, and the eye paths of PASS_BESIDE.
- * Adds to *stats. ERR_NOMEM. */
+ * Adds to *stats. eye->only: the packets, all of them. ERR_NOMEM. */
 MUST_CHECK enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics,
                                const struct environment *e, const struct eye_paths_desc *eye,
                                struct relight_stats *stats);

@@ -318,7 +318,12 @@ static enum err run_behind(struct frame_run *f, struct pass *s)
 
 static enum err run_beside(struct frame_run *f, struct pass *s)
 {
-    return beside_run(f->r->beside, &f->r->passes, &f->r->caustics, f->e, &s->eye, f->stats);
+    if (!relighter_number_packets(f->r))
+        return ERR_NOMEM;
+    const struct packet_list all = { f->r->packets, f->r->set->gbuffer->packet_count };
+    struct eye_paths_desc eye = s->eye;
+    eye.only = &all;
+    return beside_run(f->r->beside, &f->r->passes, &f->r->caustics, f->e, &eye, f->stats);
 }
 
 static enum err run_resolve(struct frame_run *f, struct pass *s)
