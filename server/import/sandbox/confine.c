@@ -5,6 +5,7 @@
 #include <grp.h>
 #include <linux/capability.h>
 #include <seccomp.h>
+#include <string.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
@@ -22,6 +23,15 @@ static int capabilities(long call, struct __user_cap_data_struct sets[2])
     return syscall(call, &header, sets) == 0 ? 0 : errno;
 }
 
+/* Nothing is asked for where there is nothing to drop: a service manager's filter may refuse the call itself. */
+static int drop_capabilities(void)
+{
+    struct __user_cap_data_struct sets[2] = { { 0 } }, none[2] = { { 0 } };
+    const int failed = capabilities(SYS_capget, sets);
+
+    return !failed && memcmp(sets, none, sizeof(none)) == 0 ? 0 : capabilities(SYS_capset, none);
+}
+
 /* Whether this root may become another user, and its parent, which has the same capabilities, may still end it. */
 static bool may_change_user(void)
 {
@@ -33,8 +43,6 @@ static bool may_change_user(void)
 
 int confine_user(void)
 {
-    struct __user_cap_data_struct none[2] = { { 0 } };
-
     for (unsigned long k = 0; prctl(PR_CAPBSET_READ, k, 0, 0, 0) >= 0; k++)
         prctl(PR_CAPBSET_DROP, k, 0, 0, 0); /* fails only without CAP_SETPCAP; nothing can be gained without it */
     /* EINVAL: a user namespace that has no such user, whose root is nobody elsewhere. */
@@ -44,7 +52,7 @@ int confine_user(void)
         return errno;
     if (prctl(PR_CAP_AMBIENT, PR_CAP_AMBIENT_CLEAR_ALL, 0, 0, 0) != 0)
         return errno;
-    const int failed = capabilities(SYS_capset, none);
+    const int failed = drop_capabilities();
     if (failed)
         return failed;
     return prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || prctl(PR_SET_DUMPABLE, 0, 0, 0, 0) != 0 ? errno : 0;
