@@ -27,12 +27,9 @@ static void put(struct text *t, const char *bytes, size_t size)
 {
     if (!t->failed && t->out.size + size > t->room) {
         const size_t room = 2 * t->room > t->out.size + size ? 2 * t->room : t->out.size + size + 4096;
-        uint8_t *grown = mem_alloc_raw(room, 1);
+        uint8_t *grown = mem_grow(t->out.at, t->out.size, room, 1);
         t->failed = !grown;
-        if (grown && t->out.size > 0)
-            memcpy(grown, t->out.at, t->out.size);
         if (grown) {
-            mem_free(t->out.at);
             t->out.at = grown;
             t->room = room;
         }

@@ -116,7 +116,8 @@ struct sun_part {
 };
 
 struct sun_parts {
-    uint32_t count, capacity;
+    uint32_t count;
+    size_t capacity;
     struct sun_part *at;
 };
 

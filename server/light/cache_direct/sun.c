@@ -46,7 +46,8 @@ struct sun_entry {
 
 struct sun_index {
     struct sun_entry *entries;
-    uint32_t count, capacity;
+    uint32_t count;
+    size_t capacity;
     uint64_t frame;
     _Atomic uint64_t bytes;
     double place[SUN_TILE][PACKET][2]; /* of each lane's look in a direction's square */
@@ -153,14 +154,8 @@ static int64_t find_entry(struct transport *t, uint32_t key, uint32_t grid, uint
             x->entries[k].used = x->frame;
             return k;
         }
-    if (x->count == x->capacity) {
-        const uint32_t more = x->capacity ? 2 * x->capacity : 64;
-        struct sun_entry *entries = mem_grow(x->entries, x->count, more, sizeof(*entries));
-        if (!entries)
-            return -1;
-        x->entries = entries;
-        x->capacity = more;
-    }
+    if (!mem_reserve(&x->entries, x->count, &x->capacity, sizeof(*x->entries)))
+        return -1;
     struct sun_entry *e = &x->entries[x->count];
     *e = (struct sun_entry){ key, mem_alloc(1, sizeof(*e->tile)), mem_alloc(t->block_count, sizeof(struct sun_view *)),
                              x->frame };
@@ -187,14 +182,8 @@ static struct sun_part *find_part(struct transport *t, struct sun_parts *s, uint
     for (uint32_t k = s->count; k-- > 0;) /* the last ones are the likeliest */
         if (s->at[k].key == key)
             return &s->at[k];
-    if (s->count == s->capacity) {
-        const uint32_t more = s->capacity ? 2 * s->capacity : 16;
-        struct sun_part *parts = mem_grow(s->at, s->count, more, sizeof(*parts));
-        if (!parts)
-            return NULL;
-        s->at = parts;
-        s->capacity = more;
-    }
+    if (!mem_reserve(&s->at, s->count, &s->capacity, sizeof(*s->at)))
+        return NULL;
     const int64_t tile = find_entry(t, key, grid, face, row, column);
     if (tile < 0)
         return NULL;

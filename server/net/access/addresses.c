@@ -3,7 +3,15 @@
 #include <arpa/inet.h>
 #include <ifaddrs.h>
 #include <netinet/in.h>
+#include <string.h>
+#include <strings.h>
 #include <sys/socket.h>
+
+bool address_is_loopback(const char *text)
+{
+    return strcasecmp(text, "localhost") == 0 || strcmp(text, "::1") == 0 ||
+           (strncmp(text, "127.", 4) == 0 && text[strspn(text, "0123456789.")] == 0);
+}
 
 static const char *text_of(const struct sockaddr *a, char *out)
 {

@@ -4,6 +4,7 @@
 
 #include "base/err.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -36,6 +37,10 @@ void site_finish(struct site *site); /* zeroed memory is allowed */
 const struct site_file *site_find(const struct site *site, const char *path);
 
 /* ---- Addresses ---- */
+
+/* Whether a name or numeric address is always this machine's: localhost, ::1, 127.x.x.x, but no name that merely begins
+ * so. Thread: any. */
+bool address_is_loopback(const char *text);
 
 /* This machine's own network addresses. Thread: any. */
 

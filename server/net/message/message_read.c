@@ -133,9 +133,10 @@ static enum fault_code parse_pace(const json_t *object, struct message *m, struc
     return FAULT_NONE;
 }
 
+const char *const server_role_names[SERVER_ROLES] = { "viewer", "controller", "producer", "recorder" };
+
 static enum fault_code parse_hello(const json_t *object, struct message *m, struct fault *fault)
 {
-    static const char *const roles[SERVER_ROLES] = { "viewer", "controller", "producer", "recorder" };
     const json_t *version = json_object_get(object, "version");
     const json_t *token = json_object_get(object, "token");
     int64_t major = 0, minor = 0;
@@ -145,7 +146,7 @@ static enum fault_code parse_hello(const json_t *object, struct message *m, stru
         return fault_say(fault, FAULT_BAD_FIELD, "4.1.2", "version must be an object with major and minor");
     if (take_integer(version, "major", true, 0, 65535, &major, "4.1.2", fault) ||
         take_integer(version, "minor", false, 0, 65535, &minor, "4.1.2", fault) ||
-        take_word(object, "role", roles, SERVER_ROLES, &role, "4.1.1", fault))
+        take_word(object, "role", server_role_names, SERVER_ROLES, &role, "4.1.1", fault))
         return fault->code;
     if (token && (!json_is_string(token) || json_string_length(token) >= sizeof(m->hello.token)))
         return fault_say(fault, FAULT_BAD_FIELD, "4.1.3", "token must be a string of at most %zu bytes",

@@ -11,6 +11,7 @@ enum server_role {
     SERVER_RECORDER,
     SERVER_ROLES,
 };
+extern const char *const server_role_names[SERVER_ROLES]; /* "viewer", ... */
 
 /* What becomes of a producer's frame. */
 enum server_fate {

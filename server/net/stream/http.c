@@ -22,12 +22,6 @@ static bool host_name(const char *host, char *out, size_t size)
     return true;
 }
 
-/* 127.x.x.x, but no name that merely begins so. */
-static bool is_ipv4_loopback(const char *name)
-{
-    return strncmp(name, "127.", 4) == 0 && name[strspn(name, "0123456789.")] == 0;
-}
-
 /* Whether the comma-separated list contains the name. */
 static bool is_listed(const char *list, const char *name)
 {
@@ -75,8 +69,8 @@ bool http_host_ok(const struct server *s, struct lws *wsi)
     if (lws_hdr_copy(wsi, host, sizeof(host), WSI_TOKEN_HOST) <= 0 || !host_name(host, name, sizeof(name)))
         return false;
     /* A name that an attacker's DNS points at 127.0.0.1 is still the attacker's name. */
-    return strcasecmp(name, "localhost") == 0 || is_ipv4_loopback(name) || strcmp(name, "::1") == 0 ||
-           is_local_address(wsi, name) || (s->public_names && is_listed(s->public_names, name));
+    return address_is_loopback(name) || is_local_address(wsi, name) ||
+           (s->public_names && is_listed(s->public_names, name));
 }
 
 bool http_origin_ok(struct lws *wsi)

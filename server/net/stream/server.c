@@ -142,11 +142,10 @@ static enum err copy_token(char **out, const char *name, const char *token, stru
 
 static enum err copy_secrets(struct server *s, const struct server_desc *desc, struct reason *why)
 {
-    static const char *const roles[SERVER_ROLES] = { "viewer", "controller", "producer", "recorder" };
     enum err e = copy_token(&s->token_metrics, "metrics", desc->token_metrics, why);
 
     for (int r = 0; r < SERVER_ROLES && !e; r++)
-        e = copy_token(&s->tokens[r], roles[r], desc->tokens[r], why);
+        e = copy_token(&s->tokens[r], server_role_names[r], desc->tokens[r], why);
     if (!e && !desc->tls_cert != !desc->tls_key)
         e = err_say(why, ERR_USAGE, "--tls-cert and --tls-key need each other");
     if (!e)

@@ -3,6 +3,7 @@
 
 #include "base/file_store.h"
 #include "base/log.h"
+#include "net/access/site.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -64,18 +65,6 @@ static const char *const what_holders_do[SERVER_ROLES] = {
     [SERVER_PRODUCER] = "send skies",
     [SERVER_RECORDER] = "take the images of lockstep sequences",
 };
-static const char *const role_names[SERVER_ROLES] = {
-    [SERVER_VIEWER] = "viewer",
-    [SERVER_CONTROLLER] = "controller",
-    [SERVER_PRODUCER] = "producer",
-    [SERVER_RECORDER] = "recorder",
-};
-
-static bool is_loopback(const char *address)
-{
-    return !address || !address[0] || strncmp(address, "127.", 4) == 0 || strcmp(address, "::1") == 0 ||
-           strcmp(address, "localhost") == 0;
-}
 
 static void warn_role(const struct server_desc *d, int role)
 {
@@ -87,17 +76,17 @@ static void warn_role(const struct server_desc *d, int role)
         log_warning(
             "the %ss' token has %zu characters: whoever reaches the port can guess it, and then %s; make one of "
             "%d or more (openssl rand -hex 16), or let --share DIR make them",
-            role_names[role], strlen(token), what_holders_do[role], GUESSABLE);
+            server_role_names[role], strlen(token), what_holders_do[role], GUESSABLE);
     for (int other = 0; other < role; other++)
         if (d->tokens[other] && strcmp(d->tokens[other], token) == 0)
             log_warning("%ss and %ss have the same token: every %s can %s, and every %s can %s; give each role its own",
-                        role_names[other], role_names[role], role_names[other], what_holders_do[role], role_names[role],
-                        what_holders_do[other]);
+                        server_role_names[other], server_role_names[role], server_role_names[other],
+                        what_holders_do[role], server_role_names[role], what_holders_do[other]);
 }
 
 void share_warn(const struct server_desc *d)
 {
-    if (is_loopback(d->address) && !d->behind_proxy)
+    if ((!d->address || !d->address[0] || address_is_loopback(d->address)) && !d->behind_proxy)
         return;
     for (int role = 0; role < SERVER_ROLES; role++)
         warn_role(d, role);
