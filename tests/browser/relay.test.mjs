@@ -65,7 +65,7 @@ test('the page lives below a path of a proxy', async () => {
   try {
     await page.goto(proxy.url);
     await untilFrames(page, 3);
-    await page.goto(`${proxy.url}embed.html`);
+    await page.goto(`${proxy.url}embed`);
     await page.waitForFunction(() => document.querySelector('canvas, img, video')?.width > 0);
   } finally {
     await page.close();

@@ -234,7 +234,7 @@ async def G168_an_image_bomb_as_a_texture(folder):
     (folder / "other.png").write_bytes((folder / "bomb.png").read_bytes())
     said = await refused(folder, write_gltf(folder, textured("bomb.png", "other.png")), "needs more than 0.6 GB")
     (folder / "bomb.png").write_bytes(png(16384, 16384, [bytes(16385)] * 16384))
-    await refused(folder, write_gltf(folder, textured("bomb.png")), "bomb.png: 16384 x 16384 texels")
+    await grey(write_gltf(folder, textured("bomb.png")), "bomb.png: 16384 x 16384 texels")
     return f"{size} bytes: {said}"
 
 

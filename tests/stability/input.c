@@ -52,16 +52,34 @@ static bool is_radiance(const float *rgb)
     return good;
 }
 
+/* The highest value beside value i of its channel; marked ones are never neighbours here. */
+static float around(const struct frame *f, size_t i)
+{
+    const long x = (long)(i / 3 % f->width), y = (long)(i / 3 / f->width);
+    float most = 0.0f;
+
+    for (long v = y > 0 ? y - 1 : 0; v <= y + 1 && v < (long)f->height; v++)
+        for (long u = x > 0 ? x - 1 : 0; u <= x + 1 && u < (long)f->width; u++) {
+            const float beside = f->rgb[3 * (size_t)(v * (long)f->width + u) + i % 3];
+            assert_true(isfinite(beside) || (u == x && v == y));
+            most = isfinite(beside) && beside > most ? beside : most;
+        }
+    return most;
+}
+
 /* A sky in which every thirtieth value is an invalid float, covering all kinds; and the same after the repairs of
  * image.h. */
 static struct frame spoilt(bool put_right)
 {
     static const float odd[] = { NAN, -NAN, INFINITY, -INFINITY, -1.0f, -1e30f, 1e30f, 3.4e38f, -0.0f, 1e-42f };
-    static const float even[] = { 0, 0, IMAGE_MAX, 0, 0, 0, IMAGE_MAX, IMAGE_MAX, 0, 1e-42f };
+    static const float even[] = { NAN, NAN, INFINITY, 0, 0, 0, IMAGE_MAX, IMAGE_MAX, 0, 1e-42f };
     struct frame f = sky_with_sun(64, 32, 1e4f);
 
     for (size_t i = 0, k = 0; i < 3 * 64 * 32; i += 30 + i % 7, k++)
         f.rgb[i] = put_right ? even[k % 10] : odd[k % 10];
+    for (size_t i = 0; put_right && i < 3 * 64 * 32; i++)
+        if (!isfinite(f.rgb[i]))
+            f.rgb[i] = isnan(f.rgb[i]) ? around(&f, i) : fmaxf(around(&f, i), 65504.0f);
     return f;
 }
 

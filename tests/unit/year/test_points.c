@@ -88,17 +88,20 @@ static void files_are_read_line_by_line(void **state)
     static const char text[] = "# a comment\n1 2 3 0 0 -2\n\n1.5,2 , 3,\t0,1,0 # above\n";
     char path[] = "/tmp/points.XXXXXX";
     const int fd = mkstemp(path);
+    struct scene *scene = slab();
     struct points p;
     struct reason why;
 
     (void)state;
+    scene->origin[0] = 0.5; /* what the scene was moved by: files keep their own coordinates */
     assert_true(write(fd, text, sizeof(text) - 1) == (ssize_t)sizeof(text) - 1);
     close(fd);
-    assert_int_equal(points_read(path, NULL, &p, &why), ERR_OK);
+    assert_int_equal(points_read(path, scene, &p, &why), ERR_OK);
     assert_int_equal(p.count, 2);
-    assert_true(p.at[0].normal.z == -1.0f && p.at[1].position.x == 1.5f && p.at[1].normal.y == 1.0f);
+    assert_true(p.at[0].normal.z == -1.0f && p.at[1].position.x == 1.0f && p.at[1].normal.y == 1.0f);
     assert_true(fabs(p.spacing - 0.5) < 1e-6);
     points_finish(&p);
+    discard(scene);
     unlink(path);
 }
 
@@ -111,6 +114,7 @@ static void bad_lines_are_refused(void **state)
                   { "1 2 3 0 1\n", "line 1: number 6 of" },
                   { "1 2 3 0 0 0\n", "line 1: the normal has zero length" } };
 
+    struct scene *scene = slab();
     (void)state;
     for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
         char path[] = "/tmp/points.XXXXXX";
@@ -119,11 +123,12 @@ static void bad_lines_are_refused(void **state)
         struct reason why = { "" };
         assert_true(write(fd, cases[k].text, strlen(cases[k].text)) == (ssize_t)strlen(cases[k].text));
         close(fd);
-        assert_int_equal(points_read(path, NULL, &p, &why), ERR_FORMAT);
+        assert_int_equal(points_read(path, scene, &p, &why), ERR_FORMAT);
         unlink(path);
         if (!strstr(why.text, cases[k].expected))
             fail_msg("'%s'; expected '%s'", why.text, cases[k].expected);
     }
+    discard(scene);
 }
 
 /* Above the slab: all of the sun, times the cosine; below it, nothing; on its edge, about half; facing away, nothing.
