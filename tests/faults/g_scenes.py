@@ -42,8 +42,8 @@ async def refused(folder, scene, *words, memory_mb=MEMORY_MB):
 
 async def grey(scene, *words):
     """relight-render renders the scene and warns of a texture with the words."""
-    ended = await Program("relight-render", "--size", "16x9", "--samples", "1", "--scene", scene, "--source", SMALL_SKY, "--out",
-                          scene.with_suffix(".exr")).start()
+    ended = await Program("relight-render", "--size", "16x9", "--samples", "1", "--scene", scene, "--max-scene-memory",
+                          MEMORY_MB, "--source", SMALL_SKY, "--out", scene.with_suffix(".exr")).start()
     await ended.end()
     check(ended.code == 0, f"ended with {ended.code}: {ended.err[-400:]}")
     said = [line.split("warning: ", 1)[1] for line in ended.err.splitlines() if "grey" in line]
