@@ -49,6 +49,9 @@ static inline struct server *server_start(const struct server_desc *given)
 /* The address of those opened from now on, which stands for another machine: 127.0.0.0/8 is all ours. */
 static const char *client_address = "127.0.0.1";
 
+/* Their receive buffer, which must be known before they connect: what they do not read waits in it. 0: the system's. */
+static int client_buffer;
+
 static inline void client_open_port(struct test_client *c, uint16_t port)
 {
     struct sockaddr_in to = { .sin_family = AF_INET, .sin_port = htons(port) }, from = { .sin_family = AF_INET };
@@ -58,6 +61,8 @@ static inline void client_open_port(struct test_client *c, uint16_t port)
     assert_true(c->fd >= 0);
     assert_int_equal(inet_pton(AF_INET, client_address, &from.sin_addr), 1);
     assert_int_equal(bind(c->fd, (struct sockaddr *)&from, sizeof(from)), 0);
+    if (client_buffer)
+        assert_int_equal(setsockopt(c->fd, SOL_SOCKET, SO_RCVBUF, &client_buffer, sizeof(client_buffer)), 0);
     assert_int_equal(connect(c->fd, (struct sockaddr *)&to, sizeof(to)), 0);
     c->in = malloc(CLIENT_MESSAGE_MAX);
     c->message = malloc(CLIENT_MESSAGE_MAX + 1);
