@@ -102,6 +102,7 @@ struct sun_tile {
     /* Where each lane looks, within the square; then the tile's four corners, each lane of four in another order, with
      * opposite ones after each other. */
     _Alignas(64) float ray[SUN_TILE + 4][3][PACKET];
+    uint32_t place[SUN_TILE + 4][PACKET]; /* of the cells of its pixel, the one that it looks from (lanes_start) */
     uint64_t cells[SKY_CELLS / 64]; /* bits of the cells that contain part of it */
 };
 

@@ -55,6 +55,17 @@ struct sun_index {
 
 /* ---- Tiles ---- */
 
+/* Which cell of a pixel direction k looks from: sixteen neighbours from sixteen cells, so that edges of shadows are
+ * antialiased. The cell's column changes with the row and its row with the column, so that directions that see across
+ * an edge one after another see it from all over the pixel; and in an order that is neither rising nor falling, since
+ * penumbrae would be too wide or too narrow. */
+static uint32_t cell_of(uint32_t k)
+{
+    static const uint8_t order[SUN_EDGE] = { 1, 3, 0, 2 };
+
+    return pixel_cell(order[k / SUN_EDGE], order[k % SUN_EDGE]);
+}
+
 static void fill_tile(const struct sun_index *x, struct sun_tile *t, uint32_t grid, uint32_t face, uint32_t row,
                       uint32_t column)
 {
@@ -76,6 +87,7 @@ static void fill_tile(const struct sun_index *x, struct sun_tile *t, uint32_t gr
             invert_direction(grid, face, i + x->place[k][l][1], j + x->place[k][l][0], w);
             for (int c = 0; c < 3; c++)
                 t->ray[k][c][l] = w[c];
+            t->place[k][l] = cell_of(k);
         }
         for (uint32_t corner = 0; corner < 4; corner++) {
             invert_direction(grid, face, i + INVERT_LAST * (corner >> 1), j + INVERT_LAST * (corner & 1), w);
@@ -84,9 +96,13 @@ static void fill_tile(const struct sun_index *x, struct sun_tile *t, uint32_t gr
     }
     t->sine = sqrtf(fmaxf(0.0f, 1.0f - least * least)) + 1e-5f;
     for (uint32_t l = 0; l < PACKET; l++)
-        for (uint32_t k = 0; k < 4; k++)
+        for (uint32_t k = 0; k < 4; k++) {
+            const uint32_t corner = corners[l / 4 % 2][l % 2] ^ turns[k];
             for (int c = 0; c < 3; c++)
-                t->ray[SUN_TILE + k][c][l] = t->ray[corners[l / 4 % 2][l % 2] ^ turns[k]][c][l];
+                t->ray[SUN_TILE + k][c][l] = t->ray[corner][c][l];
+            t->place[SUN_TILE + k][l] = pixel_cell(corner % SUN_EDGE ^ (l & 2 ? SUN_EDGE - 1 : 0),
+                                                   corner / SUN_EDGE ^ (l & 2 ? SUN_EDGE - 1 : 0));
+        }
 }
 
 static bool is_stored(const struct sun_view *v)
@@ -385,7 +401,7 @@ static struct sun_view *judge_block(const struct transport *t, const struct tran
     return !view.lit && !seen ? &all_dark : NULL;
 }
 
-#define DAPPLED 4 /* lanes of a packet that see a part, from which on the others' corners may agree by chance */
+#define DAPPLED 3 /* lanes of a packet that see a part, from which on the others' corners may agree by chance */
 
 /* A point sees all or nothing of a tile if two opposite corners say so; in a packet where some differ, if all four do.
  * Under leaves that would make dappled shade too dark. Returns the number of rows of bits. */

@@ -12,9 +12,11 @@ static uint64_t trace(const struct rays *rays, const struct sun_tile *t, const s
 {
     _Alignas(64) int32_t valid[PACKET];
     struct ray16 ray;
+    struct lane_pixels pixels;
     uint64_t traced = 0;
 
     lobes_rays(p, &ray);
+    lanes_pixels(p, &pixels);
     for (uint32_t left = directions; left; left &= left - 1) {
         const int k = __builtin_ctz(left);
         struct lanes d[3], cosine;
@@ -29,6 +31,7 @@ static uint64_t trace(const struct rays *rays, const struct sun_tile *t, const s
             asked |= (uint32_t)(valid[l] & 1) << l;
         }
         lanes_aim(d, &ray);
+        lanes_start(p, &pixels, t->place[k], &ray);
         if (rays && asked) {
             rays_occluded16(rays, RAYS_TOGETHER, valid, &ray);
             traced += (uint64_t)__builtin_popcount(asked);

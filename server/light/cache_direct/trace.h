@@ -14,10 +14,18 @@ struct tracer {
     struct shade_packet basis; /* the same points, with colours that separate the rows */
     struct lobes lobes;
     struct ray16 rays;
+    struct lane_pixels pixels;
+    uint32_t number; /* of the sample, which says where in their pixels its rays start */
     uint32_t rows;
     uint64_t traced;
     bool seen, hidden; /* by some lane for which a direction was above the horizon, since the last reset */
 };
+
+static void start_tracer(struct tracer *t)
+{
+    lobes_rays(t->points, &t->rays);
+    lanes_pixels(t->points, &t->pixels);
+}
 
 /* Sets colours such that the three channels of lobes_evaluate return, in this order: the part of the lobe that no
  * colour multiplies, the lobe for a specular colour of 1, and the first plus the matte part. */
@@ -35,7 +43,7 @@ static void set_up_tracer(struct tracer *t)
         }
     lobes_set_up(p, &t->lobes);
     LANES(l) t->lobes.diffuse_part.v[l] = 0.0f; /* the cells' directions suffice for the matte part */
-    lobes_rays(p, &t->rays);
+    start_tracer(t);
 }
 
 /* Finds the lanes with d above their horizon, and their cosines. False: none. */
@@ -56,9 +64,12 @@ static bool face(const struct tracer *t, const struct lanes d[3], struct lanes *
 /* Traces rays along d; tfar stays above 0 in the lanes that see the sky. */
 static void ask(struct tracer *t, enum ray_spread spread, const struct lanes d[3], const int32_t valid[PACKET])
 {
+    uint32_t place[PACKET];
     int32_t count = 0;
 
     lanes_aim(d, &t->rays);
+    LANES(l) place[l] = lanes_place(t->number);
+    lanes_start(t->points, &t->pixels, place, &t->rays);
     LANES(l) count -= valid[l];
     if (t->world->rays) {
         rays_occluded16(t->world->rays, spread, valid, &t->rays);
@@ -112,8 +123,9 @@ static inline float balanced(float weight, float lobe_samples, float pdf)
     return weight / (1.0f + weight * lobe_samples * pdf);
 }
 
-static void set_direction(const struct transport_directions *dirs, uint32_t k, struct lanes d[3])
+static void set_direction(struct tracer *t, uint32_t k, struct lanes d[3])
 {
+    const struct transport_directions *dirs = t->world->directions;
     const float x = dirs->x[k], y = dirs->y[k], z = dirs->z[k];
 
     LANES(l)
@@ -122,6 +134,7 @@ static void set_direction(const struct transport_directions *dirs, uint32_t k, s
         d[1].v[l] = y;
         d[2].v[l] = z;
     }
+    t->number = k;
 }
 
 /* Visibility of the first direction of each unit (transport_directions). */
@@ -140,7 +153,7 @@ static uint32_t ask_unit(struct tracer *t, uint32_t u, uint8_t *sides)
     uint32_t seen = 0, faced = 0;
 
     *sides = 0;
-    set_direction(t->world->directions, u * TRANSPORT_UNIT, d);
+    set_direction(t, u * TRANSPORT_UNIT, d);
     if (!face(t, d, &cosine, valid))
         return 0;
     ask(t, RAYS_TOGETHER, d, valid);
@@ -183,7 +196,7 @@ static inline uint64_t look(const struct transport_world *w, const struct shade_
             shade_packet_put(&mixed[k], l, from, l, from->valid[l]);
         }
         t[k] = (struct tracer){ .world = w, .points = &mixed[k] };
-        lobes_rays(&mixed[k], &t[k].rays);
+        start_tracer(&t[k]);
     }
     for (uint32_t u = 0; u < dirs->units; u++)
         ask_unit(&t[(u + u / 4) % TRANSPORT_PACKETS], u, &sides[u]);
@@ -237,7 +250,7 @@ static void trace_cells(struct tracer *t, struct transport_matrix *out, uint32_t
         for (const uint32_t end = k + dirs->per_group; k < end; k++) {
             const float weight = dirs->weight[k];
             struct lanes d[3], row[TRANSPORT_ROWS], pdf;
-            set_direction(dirs, k, d);
+            set_direction(t, k, d);
             if (!see_rows(t, RAYS_TOGETHER, d, known_of(t, &outlook, k), row, &pdf))
                 continue;
             LANES(l)
@@ -278,6 +291,7 @@ static void trace_lobes(struct tracer *t, struct transport_matrix *out, uint32_t
             square[1].v[l] = x[1];
         }
         lobes_sample(&t->lobes, t->points, square, d);
+        t->number = i;
         if (!see_rows(t, RAYS_APART, d, NULL, row, &pdf))
             continue;
         for (uint32_t l = 0; l < PACKET; l++) {
@@ -320,6 +334,7 @@ static inline uint64_t aim(const struct transport_world *w, const struct shade_p
             square[1].v[l] = w->gaze_numbers[i][1];
         }
         lobes_sample(&t.lobes, p, square, d);
+        t.number = i;
         const bool some = see_rows(&t, RAYS_APART, d, NULL, row, &pdf);
         LANES(l)
         {

@@ -26,6 +26,8 @@ struct packet_state {
     bool seen[STRATA_MAX];              /* whether any lane sees the stratum; else all of `share` is 0 */
     uint32_t sun;              /* index of the sun in `share`; without a sun, of the element after the strata */
     uint32_t shift[2][PACKET]; /* digital shifts of the BRDF samples' numbers */
+    struct lane_pixels pixels;
+    uint32_t place[PACKET]; /* shifts of the samples' places in a pixel */
     struct direct_counts *counts;
     struct direct_log *log;         /* records a lane of this packet; NULL in normal rendering */
     struct direct_log_sample *note; /* the current sample's record; NULL likewise */
@@ -239,6 +241,15 @@ static inline uint64_t trace_and_add(struct packet_state *s, enum ray_spread spr
     return (uint64_t)count;
 }
 
+/* Starts the rays of the i-th sample of a kind elsewhere in the pixel, so that edges of shadows are antialiased. */
+static inline void start_rays(struct packet_state *s, uint32_t i, uint32_t kind)
+{
+    uint32_t place[PACKET];
+
+    LANES(l) place[l] = (s->place[l] + lanes_place(i + 16 * kind)) % PIXEL_CELLS;
+    lanes_start(s->points, &s->pixels, place, &s->rays);
+}
+
 /* beta of Eq. 5, counted from i = 0: N_f - i clamped to 0..1. */
 static inline float beta_of(float n_f, float i)
 {
@@ -283,6 +294,7 @@ static void add_light_sample(struct packet_state *s, uint32_t i, uint32_t k, con
         const float drawn = share->v[l] * pdf_light + sun_share->v[l] * pdf_sun;
         note_weight(s, drawn, drawn + brdf_part * pdf_lobes.v[l]);
     }
+    start_rays(s, i, lights->stratum[k]);
     s->counts->effective += trace_and_add(s, RAYS_TOGETHER, d, rgb);
 }
 
@@ -412,6 +424,7 @@ static void add_lobe_sample(struct packet_state *s, uint32_t i, float beta, cons
         const float drawn = brdf_part * pdf_lobes.v[s->log->lane];
         note_weight(s, drawn, light_part * pdf_light.v[s->log->lane] + drawn);
     }
+    start_rays(s, i, STRATA_MAX);
     trace_and_add(s, RAYS_APART, r->d, rgb);
 }
 
@@ -460,6 +473,8 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
         LANES(l) s.sum[c].v[l] = 0.0f;
     lobes_set_up(p, &s.lobes);
     lobes_rays(p, &s.rays);
+    lanes_pixels(p, &s.pixels);
+    LANES(l) s.place[l] = (uint32_t)rng_mix(rng_mix(f->seed, index), l);
     if (f->brdf_part > 0.0f) {
         set_up_shift(&s, index);
         draw_lobe_rays(&s, 0, &next[0]);

@@ -3,7 +3,6 @@
 #include "base/mem.h"
 #include "base/progress.h"
 #include "scene/geometry/gbuffer_build.h"
-#include "scene/geometry/view.h"
 
 #include <assert.h>
 #include <math.h>
@@ -55,10 +54,18 @@ static uint32_t trace(const struct build *b, double x, double y, uint32_t side, 
     const struct vec3 o = b->desc->camera->position, dir = view_direction(&b->view, x, y);
     const float angle = (float)(sqrt(view_solid_angle(&b->view, dir)) / side);
 
-    if (view_sees(&b->view, x, y))
-        return sight_trace(&b->sight, o, dir, angle, glance, out, found, count);
     *found = (struct sighting){ .uneven = false };
-    return 0;
+    if (!view_sees(&b->view, x, y))
+        return 0;
+    const uint32_t n = sight_trace(&b->sight, o, dir, angle, glance, out, found, count);
+    const uint32_t cell = pixel_cell((uint32_t)((x - floor(x)) * 4.0), (uint32_t)((y - floor(y)) * 4.0));
+    for (struct leaf *l = out; l < out + n; l++) {
+        const bool alone = b->side < 2 || l->missed || l->bounces > 0;
+        l->pixel = alone ? 0.0f : l->footprint / b->sight.pixel_angle * angle * (float)side;
+        l->cells = side > 1 ? 1u << cell : PIXEL_WHOLE;
+        l->cell = side > 1 ? cell : PIXEL_CELLS;
+    }
+    return n;
 }
 
 /* The centre sample of each pixel of row y, if it is even: then there is one leaf. Of others nothing else is known. */
@@ -178,6 +185,9 @@ static bool add_point(struct row *r, const struct leaf *l, uint32_t x, uint32_t 
         .diffuse = l->diffuse,
         .specular = l->specular,
         .gloss = l->gloss,
+        .pixel = l->pixel,
+        .cells = l->cells,
+        .cell = l->cell,
         .mesh = l->mesh,
         .material = l->material,
         .kind = l->kind,
@@ -194,6 +204,25 @@ static bool add_leaf(struct row *r, const struct leaf *l, uint32_t x, uint32_t y
     if (l->weight[0] + l->weight[1] + l->weight[2] <= 0.0f)
         return true;
     return l->missed ? add_miss(r, l) : add_point(r, l, x, y);
+}
+
+#define RISE 1.0f /* ray offsets: within the pixel, neighbours of a curved surface rise by a seventh of that at most */
+
+/* Whether other rays through the pixel of a centre sample meet its plane where its surface is. */
+static bool is_flat(const struct build *b, const struct scratch *s, uint32_t row, uint32_t x, uint32_t y)
+{
+    const uint32_t width = b->desc->width;
+    const struct leaf *own = &s->centres[(size_t)row * width + x];
+
+    for (int k = 0; k < 9 && !own->missed; k++) {
+        const int64_t nx = (int64_t)x + k % 3 - 1, ny = (int64_t)y + k / 3 - 1;
+        if (nx < 0 || ny < 0 || nx >= width || ny >= b->desc->height)
+            continue;
+        const struct leaf *other = &s->centres[(size_t)((int64_t)row + k / 3 - 1) * width + (size_t)nx];
+        if (!other->missed && !leaf_level(own, other, RISE))
+            return false;
+    }
+    return true;
 }
 
 /* Builds a row of pixels. entry_first and miss_first receive counts within the row; prefix sums are computed later.
@@ -223,6 +252,8 @@ static bool build_row(struct build *b, struct scratch *s, uint32_t in_band, uint
             if (b->sight.lamps && b->side >= 2 && glow_varies(b, s, in_band, x, y))
                 (void)trace_edge(b, s, x, y, found.glow, &r->count); /* the leaf stays that of the centre */
             s->leaves[0] = s->centres[(size_t)in_band * width + x];
+            if (!is_flat(b, s, in_band, x, y))
+                s->leaves[0].pixel = 0.0f;
             n = 1;
         }
         const double turn = 0.75487766624669276 * x + 0.56984029099805327 * y; /* powers of the plastic number */
@@ -412,7 +443,7 @@ static enum err join_rows(struct build *b, struct packing *p)
     for (uint32_t y = 0; y < g->height; y++) {
         struct row *r = &b->rows[y];
         const uint32_t first = g->entry_first[(size_t)y * g->width];
-        packing_put(p, r, first, g->packets);
+        packing_put(p, r, first, &b->view, g->packets);
         for (uint32_t i = 0; i < r->point_count; i++) {
             g->entries[first + i] = r->entries[i];
             g->entries[first + i].point = p->slots[first + i];

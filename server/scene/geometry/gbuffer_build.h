@@ -2,6 +2,7 @@
 #pragma once
 
 #include "scene/geometry/gbuffer.h"
+#include "scene/geometry/view.h"
 #include "scene/surface/scatter.h"
 
 #include <stdbool.h>
@@ -17,6 +18,9 @@ struct leaf {
     struct surface surface;
     struct vec3 diffuse, specular; /* with textures applied */
     float gloss;
+    float pixel;     /* m: height of the pixel there; 0 behind mirrors and glass */
+    uint32_t cells;  /* bits of the cells that it stands for */
+    uint32_t cell;   /* as in struct shade_packet */
     float footprint; /* approximate height of a pixel there, m; if escaped, width in the environment, radians */
 };
 
@@ -91,6 +95,13 @@ struct leaf_link {
 };
 #define LEAF_END UINT32_MAX
 
+/* Whether a surface rises so little to another point, relative to its offset, that rays may start between them. */
+static inline bool leaf_level(const struct leaf *own, const struct leaf *other, float limit)
+{
+    return vec3_dot(vec3_sub(other->surface.position, own->surface.position), own->surface.geometric) <=
+           limit * own->surface.offset;
+}
+
 /* Merges similar leaves. In: leaves[count], weighted by their camera rays' shares of the pixel. Out: the first *count
  * leaves, each the one nearest to the mean of its cluster, with the sum of the weights and the mean colour (with a
  * roughness map: the mean lobe; with a normal map: the mean normal; escapes: the mean direction and a width of the
@@ -111,6 +122,8 @@ struct shade_point {
     struct vec3 geometric, shading, wo;
     struct vec3 diffuse, specular;
     float gloss;
+    float pixel;
+    uint32_t cells, cell;
     uint32_t mesh, material, kind, layer;
     bool behind;   /* seen in a mirror or through glass */
     uint32_t x, y; /* pixel */
@@ -151,4 +164,5 @@ void packing_finish(struct packing *p); /* frees the memory; zeroed memory is al
 
 /* Writes a row's points to their packets; `first` is the number of the row's first point. Call it once per row, in any
  * order; `packets` may be uninitialised and is complete after the last row. */
-void packing_put(struct packing *p, const struct row *r, uint32_t first, struct shade_packet *packets);
+void packing_put(struct packing *p, const struct row *r, uint32_t first, const struct view *view,
+                 struct shade_packet *packets);

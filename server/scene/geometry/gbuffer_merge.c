@@ -111,6 +111,16 @@ static void merge_normals(const struct leaf *leaves, const struct leaf_link *lin
         out->surface.shading = vec3_normalize(sum);
 }
 
+/* The cells in which rays may start on the plane of `out`: all of the cluster's, or none if some of it is above. */
+static void merge_cells(const struct leaf *leaves, const struct leaf_link *links, uint32_t first, struct leaf *out)
+{
+    for (uint32_t i = first; i != LEAF_END; i = links[i].next) {
+        out->cells |= leaves[i].cells;
+        if (!leaf_level(out, &leaves[i], 1.0f))
+            out->pixel = 0.0f;
+    }
+}
+
 /* Merges the cluster of seed `first`. Colours are averaged per channel with the weights, which is exact, since a pixel
  * is linear in them. */
 static struct leaf merge_cluster(const struct sight *s, const struct leaf *leaves, const struct leaf_link *links,
@@ -156,6 +166,8 @@ static struct leaf merge_cluster(const struct sight *s, const struct leaf *leave
     if (l.missed) {
         l.arrival = vec3_normalize(mean);
         l.footprint = merged_width(leaves, links, first, mean);
+    } else {
+        merge_cells(leaves, links, first, &l);
     }
     return l;
 }

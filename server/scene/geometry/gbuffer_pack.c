@@ -106,6 +106,14 @@ static void put(struct shade_packet *k, uint32_t lane, const struct shade_point 
     k->specular[1][lane] = p->specular.y;
     k->specular[2][lane] = p->specular.z;
     k->gloss[lane] = p->gloss;
+    k->pixel[lane] = p->pixel;
+    k->cell[lane] = (uint8_t)p->cell;
+    uint32_t left = p->cells, count = (uint32_t)__builtin_popcount(left);
+    for (uint32_t i = 0; i < PIXEL_CELLS; i++) { /* each for an equal share of the places */
+        k->cells[i / 8][lane] |= (uint32_t)__builtin_ctz(left) << i % 8 * 4;
+        if ((i + 1) * count / PIXEL_CELLS > i * count / PIXEL_CELLS)
+            left &= left - 1;
+    }
     k->mesh[lane] = p->mesh;
     k->material[lane] = p->material;
     k->behind[lane] = p->behind;
@@ -187,7 +195,8 @@ void packing_finish(struct packing *p)
     *p = (struct packing){ .slots = NULL };
 }
 
-void packing_put(struct packing *p, const struct row *r, uint32_t first, struct shade_packet *packets)
+void packing_put(struct packing *p, const struct row *r, uint32_t first, const struct view *view,
+                 struct shade_packet *packets)
 {
     for (uint32_t i = 0; i < r->point_count; i++) {
         const uint32_t slot = p->slots[first + i], lane = slot % PACKET;
@@ -197,6 +206,8 @@ void packing_put(struct packing *p, const struct row *r, uint32_t first, struct 
             memset(k, 0, sizeof(*k));
             k->kind = head->kind;
             k->count = head->count;
+            const struct vec3 right = view_right(view, r->points[i].x + 0.5, r->points[i].y + 0.5);
+            memcpy(k->right, &right, sizeof(k->right));
             head->begun = true;
         }
         put(k, lane, &r->points[i], -1);
@@ -215,4 +226,5 @@ void shade_packet_put(struct shade_packet *to, uint32_t at, const struct shade_p
     to->valid[at] = valid;
     to->behind[at] = from->behind[lane];
     to->layer[at] = from->layer[lane];
+    to->cell[at] = from->cell[lane];
 }

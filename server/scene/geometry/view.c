@@ -102,6 +102,11 @@ struct vec3 view_direction(const struct view *v, double x, double y)
     return vec3_make((float)(d[0] * l), (float)(d[1] * l), (float)(d[2] * l));
 }
 
+struct vec3 view_right(const struct view *v, double x, double y)
+{
+    return vec3_normalize(vec3_sub(view_direction(v, x + 0.5, y), view_direction(v, x - 0.5, y)));
+}
+
 void view_ray_in_pixel(uint32_t i, uint32_t side, double out[2])
 {
     out[0] = (i % side + (side - i / side - 0.5) / side) / side;

@@ -25,6 +25,9 @@ void view_init(struct view *v, const struct camera *c, uint32_t width, uint32_t 
 /* The unit direction through (x, y) of the image; ahead, where nothing is seen. */
 struct vec3 view_direction(const struct view *v, double x, double y);
 
+/* The unit direction in which the image's x grows there. */
+struct vec3 view_right(const struct view *v, double x, double y);
+
 /* Whether (x, y) of the image shows anything: not outside a fisheye's circle. */
 bool view_sees(const struct view *v, double x, double y);
 

@@ -2,6 +2,7 @@
 
 #include "base/cancel.h"
 #include "base/rng.h"
+#include "scene/geometry/lane_rays.h"
 #include "scene/geometry/scatter_hit.h"
 #include "scene/surface/lobe.h"
 #include "scene/surface/scatter.h"
@@ -259,10 +260,23 @@ void path_sample(const struct path_world *world, uint32_t classes, const double 
         walk_on(&w);
 }
 
+/* Where in its pixel a point's ray starts. */
+static struct vec3 start_in_pixel(const struct shade_packet *p, uint32_t lane, double x)
+{
+    struct lane_pixels pixels;
+    struct ray16 rays;
+    uint32_t place[PACKET];
+
+    LANES(l) place[l] = (uint32_t)(x * PIXEL_CELLS);
+    lanes_pixels(p, &pixels);
+    lanes_start(p, &pixels, place, &rays);
+    return vec3_make(rays.org_x[lane], rays.org_y[lane], rays.org_z[lane]);
+}
+
 void path_sample_point(const struct path_world *world, const struct shade_packet *p, uint32_t lane, uint32_t classes,
                        struct numbers *numbers, double rgb[3], uint64_t *rays)
 {
-    const struct vec3 at = vec3_make(p->x[lane], p->y[lane], p->z[lane]);
+    const struct vec3 at = start_in_pixel(p, lane, numbers->at(numbers, 1));
     const struct vec3 wo = vec3_make(p->wo_x[lane], p->wo_y[lane], p->wo_z[lane]);
     const struct lobe lobe = lobe_of_lane(p, lane);
     struct walk w = {

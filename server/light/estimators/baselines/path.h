@@ -75,7 +75,8 @@ void path_sample(const struct path_world *world, uint32_t classes, const double 
                  double rgb[3], uint64_t *rays);
 
 /* As path_sample, of the light of a shading point of the G-buffer towards the eye: classes are those of paths whose
- * first rough surface is there. Positions 0 and 1 of the numbers and the first event's choice are not used. */
+ * first rough surface is there. Number 1 says where in the pixel its rays start; number 0 and the first event's choice
+ * are not used. */
 void path_sample_point(const struct path_world *world, const struct shade_packet *p, uint32_t lane, uint32_t classes,
                        struct numbers *numbers, double rgb[3], uint64_t *rays);
 

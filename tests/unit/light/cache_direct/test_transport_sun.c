@@ -132,18 +132,23 @@ static struct environment *turned_sky(double degrees)
     return sky_environment(sky_with_sun(512, 256, 2e5f), 256, degrees);
 }
 
-static struct shadow shadow_make(void)
+static struct shadow shadow_of_size(uint32_t width, uint32_t height)
 {
-    const struct gbuffer_desc desc = { .camera = &above, .width = WIDTH, .height = HEIGHT, .edge_rays = 1 };
+    const struct gbuffer_desc desc = { .camera = &above, .width = width, .height = height };
     struct reason why = { "" };
     struct shadow s;
 
-    world_make(&s.world, slatted_floor(), &above, WIDTH, HEIGHT, turned_sky(0.0));
+    world_make(&s.world, slatted_floor(), &above, width, height, turned_sky(0.0));
     assert_int_equal(gbuffer_create(s.world.scene, s.world.rays, &desc, &s.gbuffer, &why), ERR_OK);
     s.transport = transport_of(s.gbuffer, s.world.rays, &(struct transport_desc){ .per_cell = 1 });
     s.lo = mem_alloc(s.gbuffer->packet_count, 3 * PACKET * sizeof(float));
     s.want = mem_alloc(s.gbuffer->packet_count, 3 * PACKET * sizeof(float));
     return s;
+}
+
+static struct shadow shadow_make(void)
+{
+    return shadow_of_size(WIDTH, HEIGHT);
 }
 
 static void shadow_finish(struct shadow *s)
@@ -167,9 +172,10 @@ static struct transport_frame_stats shadow_shade(const struct shadow *s, struct 
     return stats;
 }
 
-/* Eight suns, a fifth of a degree apart, against 1024 samples of each. Over the points in penumbrae the error is 0.035
- * of the full sun, and 0.0012 in the mean. Bits of the direction before make it 0.046, and 0.014 in the mean; rays that
- * go to the next square 0.073; packets judged by two corners only 0.057. */
+/* Eight suns, a fifth of a degree apart, against 1024 samples of each. Over points in penumbrae, which are as wide as
+ * a pixel, the error is 0.045 of the full sun, and 0.001 in the mean. Bits of the direction before make it 0.072, and
+ * 0.025 in the mean; rays that go to the next square 0.109; packets judged by two corners only 0.069; all from the same
+ * cell of their pixel 0.059. */
 static void penumbrae_are_where_they_belong(void **state)
 {
     const struct direct_desc all = { .method = METHOD_MIS, .sun = true, .samples = 1024, .seed = 4 };
@@ -204,9 +210,118 @@ static void penumbrae_are_where_they_belong(void **state)
     }
     printf("%u points in penumbrae: error %.4f, mean %.4f\n", count, sqrt(square / count), sum / count);
     assert_true(count > 300);
-    assert_true(sqrt(square / count) < 0.04 && fabs(sum / count) < 0.003);
+    assert_true(sqrt(square / count) < 0.05 && fabs(sum / count) < 0.003);
     direct_destroy(d);
     shadow_finish(&s);
+}
+
+static float pixel_light(const struct shadow *s, const float *lo, uint32_t x, uint32_t y)
+{
+    const uint32_t point = s->gbuffer->entries[s->gbuffer->entry_first[y * s->gbuffer->width + x]].point;
+
+    return lo[(size_t)(point / PACKET) * 3 * PACKET + point % PACKET];
+}
+
+/* The error of an image's pixels in which a shadow ends, in parts of the full sun: an image of eight times as many
+ * pixels along each side says how much of it reaches them. */
+static double edge_error(const struct shadow *coarse, const float *lo, const struct shadow *fine)
+{
+    const uint32_t width = coarse->gbuffer->width, height = coarse->gbuffer->height;
+    double square = 0.0, most = 0.0, least = INFINITY;
+    uint32_t count = 0;
+
+    for (uint32_t i = 0; i < 64 * width * height; i++) {
+        const double light = (double)pixel_light(fine, fine->lo, i % (8 * width), i / (8 * width));
+        most = fmax(most, light);
+        least = fmin(least, light);
+    }
+    for (uint32_t i = 0; i < width * height; i++) {
+        double sum = 0.0;
+        for (uint32_t k = 0; k < 64; k++)
+            sum += (double)pixel_light(fine, fine->lo, i % width * 8 + k % 8, i / width * 8 + k / 8) / 64.0;
+        const double part = (sum - least) / (most - least);
+        if (part > 0.1 && part < 0.9) {
+            const double error = ((double)pixel_light(coarse, lo, i % width, i / width) - sum) / (most - least);
+            square += error * error;
+            count++;
+        }
+    }
+    assert_true(count > 50);
+    return sqrt(square / count);
+}
+
+/* Pixels of 8 cm, and penumbrae of 2 to 3: errors are 0.04 and 0.02. They are 0.29 where a pixel's rays start at its
+ * point alone, 0.21 where half of the cells get no ray, and 0.09 and 0.05 with bits of the direction before. */
+static void edges_of_shadows_are_antialiased(void **state)
+{
+    const struct direct_desc all = { .method = METHOD_MIS, .sun = true, .samples = 256, .seed = 4 };
+    struct shadow coarse = shadow_of_size(16, 12), fine = shadow_of_size(128, 96);
+    struct direct *d = direct_create(best_kernels());
+    struct environment *e = turned_sky(0.0);
+    struct direct_stats stats;
+    (void)state;
+
+    shadow_shade(&fine, fine.transport, 0.0, fine.lo);
+    shadow_shade(&coarse, coarse.transport, 0.0, coarse.lo);
+    assert_int_equal(direct_shade(d, coarse.gbuffer, coarse.world.rays, e, &all, coarse.want, &stats), ERR_OK);
+    const double cached = edge_error(&coarse, coarse.lo, &fine), mis = edge_error(&coarse, coarse.want, &fine);
+    printf("errors of pixels where shadows end: cached %.3f, mis %.3f\n", cached, mis);
+    assert_true(cached < 0.06 && mis < 0.04);
+    environment_destroy(e);
+    direct_destroy(d);
+    shadow_finish(&coarse);
+    shadow_finish(&fine);
+}
+
+/* A plane, level or steep, near the origin or far away, under a sky: no ray that starts on it meets it. Where
+ * rounding errors of the steps along it are left in, half of the light is lost. */
+static void planes_do_not_shade_themselves(void **state)
+{
+    static const float normals[4][3] = { { 0, 1, 0 }, { 0.3f, 1, 0.2f }, { 0.8f, 0.5f, 0.3f }, { -0.2f, 1, 0.9f } };
+    const struct direct_desc all = { .method = METHOD_LIGHT, .samples = 64, .seed = 4 };
+    struct direct *d = direct_create(best_kernels());
+    (void)state;
+
+    for (int k = 0; k < 8; k++) {
+        const float *n = normals[k / 2], far = k % 2 ? 3000.0f : 1.0f;
+        const struct vec3 middle = vec3_make(2.0f * far, 0, far);
+        float corners[4][3];
+        for (int c = 0; c < 4; c++) {
+            const float x = c == 1 || c == 2 ? 4.0f : -4.0f, z = c < 2 ? 4.0f : -4.0f;
+            corners[c][0] = middle.x + x;
+            corners[c][1] = -(n[0] * x + n[2] * z) / n[1];
+            corners[c][2] = middle.z + z;
+        }
+        const struct camera camera = {
+            "near", vec3_make(middle.x + 3 * n[0] + 2, 3 * n[1], middle.z + 3 * n[2]), middle, { 0, 1, 0 }, 0.9f
+        };
+        const struct gbuffer_desc desc = { .camera = &camera, .width = 64, .height = 48 };
+        struct scene *scene = scene_create();
+        struct reason why = { "" };
+        struct direct_stats stats;
+        struct world w;
+        struct gbuffer *g;
+        add_quads(scene, add_lambert(scene, 0.5f), (const float(*)[3])corners, 1);
+        world_make(&w, scene, &camera, 64, 48, sky_environment(sky_constant(64, 32, 1.0f), 64, 0.0));
+        assert_int_equal(gbuffer_create(w.scene, w.rays, &desc, &g, &why), ERR_OK);
+        const size_t count = (size_t)g->packet_count * 3 * PACKET;
+        float *lit = mem_alloc(count, sizeof(*lit)), *open = mem_alloc(count, sizeof(*open));
+        struct direct_desc blind = all;
+        blind.no_visibility = true;
+        assert_int_equal(direct_shade(d, g, w.rays, w.environment, &all, lit, &stats), ERR_OK);
+        assert_true(g->point_count > 1000 && stats.rays > 10 * g->point_count);
+        assert_int_equal(direct_shade(d, g, w.rays, w.environment, &blind, open, &stats), ERR_OK);
+        uint32_t dark = 0;
+        for (size_t i = 0; i < count; i++)
+            dark += lit[i] < open[i];
+        if (dark)
+            fail_msg("plane %d: %u of %zu values are darker", k, dark, count);
+        mem_free(lit);
+        mem_free(open);
+        gbuffer_destroy(g);
+        world_finish(&w);
+    }
+    direct_destroy(d);
 }
 
 /* The same sun again costs few rays, for what it may meet next, and has the same bits, whichever suns came before, in
@@ -255,6 +370,8 @@ static void a_moving_sun_asks_for_a_little_in_each_frame(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(an_open_sun_has_the_light_of_its_samples),
     cmocka_unit_test(penumbrae_are_where_they_belong),
+    cmocka_unit_test(edges_of_shadows_are_antialiased),
+    cmocka_unit_test(planes_do_not_shade_themselves),
     cmocka_unit_test(a_moving_sun_asks_for_a_little_in_each_frame),
     cmocka_unit_test(what_is_seen_of_a_sun_does_not_depend_on_the_suns_before),
 };

@@ -28,6 +28,13 @@ static inline struct gbuffer points_make(uint32_t packets, enum lobe_kind kind, 
     return g;
 }
 
+/* Rays start at the points alone, not all over their pixels. */
+static inline void points_alone(struct gbuffer *g)
+{
+    for (uint32_t i = 0; i < g->packet_count; i++)
+        memset(g->packets[i].pixel, 0, sizeof(g->packets[i].pixel));
+}
+
 static inline void points_free(struct gbuffer *g)
 {
     mem_free(g->packets);

@@ -267,6 +267,7 @@ static void visibility_agrees_with_single_rays(void **state)
 {
     const struct direct_desc way = { .method = METHOD_MIS, .samples = 256, .seed = 2 };
     struct stand s = stand_court();
+    points_alone(s.gbuffer);
     uint32_t seen = 0, blocked = 0, wrong = 0, samples = 0, samples_wrong = 0;
     (void)state;
 

@@ -42,6 +42,66 @@ static void rays_are_spread_evenly(void **state)
     assert_true(cut > 500 && sqrt(sum / cut) < 0.037);
 }
 
+/* Bits of the cells in which a point's rays start. */
+static uint32_t cells_of(const struct shade_packet *p, uint32_t lane)
+{
+    uint32_t bits = 0;
+
+    for (uint32_t i = 0; i < PIXEL_CELLS; i++)
+        bits |= 1u << (p->cells[i / 8][lane] >> i % 8 * 4 & 15u);
+    return bits;
+}
+
+/* A quad before another, with a slanted edge: both points of a pixel share its cells as they share its weight. */
+static void points_share_the_cells_of_their_pixel(void **state)
+{
+    const float quads[8][3] = { { -9, -9, -1 }, { 9, -9, -1 }, { 9, 9, -1 }, { -9, 9, -1 },
+                                { -9, -9, 0 },  { 9, -9, 0 },  { 9, 5, 0 },  { -9, -4.6f, 0 } };
+    struct view v = view_quads(quads, 2, 0);
+    uint32_t shared = 0;
+
+    (void)state;
+    for (uint32_t i = 0; i < 64 * 64; i++) {
+        uint32_t all = 0;
+        for (uint32_t k = v.g->entry_first[i]; k < v.g->entry_first[i + 1]; k++) {
+            const uint32_t lane = v.g->entries[k].point % PACKET;
+            const struct shade_packet *p = &v.g->packets[v.g->entries[k].point / PACKET];
+            const uint32_t cells = cells_of(p, lane);
+            assert_float_equal(v.g->entries[k].weight[0], (float)__builtin_popcount(cells) / 16.0f, 1e-5f);
+            const float edge = (1.0f - p->z[lane]) / 32.0f; /* of a pixel in the middle */
+            assert_true(p->pixel[lane] > 0.5f * edge && p->pixel[lane] < 1.01f * edge);
+            assert_true(p->cell[lane] == PIXEL_CELLS ? cells == PIXEL_WHOLE : cells >> p->cell[lane] & 1u);
+            assert_int_equal(all & cells, 0);
+            all |= cells;
+        }
+        assert_int_equal(all, PIXEL_WHOLE);
+        shared += v.g->entry_first[i + 1] - v.g->entry_first[i] == 2;
+    }
+    assert_true(shared > 50);
+    view_end(&v);
+}
+
+/* Where a wall stands on a floor, rays of the floor's pixels would start behind it, and the other way about. */
+static void rays_do_not_start_behind_what_rises_in_the_pixel(void **state)
+{
+    const float bend[8][3] = { { -9, -0.3f, -1 }, { -9, -0.3f, 9 }, { 9, -0.3f, 9 }, { 9, -0.3f, -1 },
+                               { -9, -0.3f, -1 }, { 9, -0.3f, -1 }, { 9, 9, -1 },    { -9, 9, -1 } };
+    uint32_t alone = 0;
+
+    (void)state;
+    struct view v = view_quads(bend, 2, 0);
+    for (uint32_t i = 0; i < v.g->packet_count; i++)
+        for (uint32_t l = 0; l < v.g->packets[i].count; l++) {
+            const struct shade_packet *p = &v.g->packets[i];
+            const float reach = p->ng_y[l] > 0.5f ? p->z[l] + 1.0f : p->y[l] + 0.3f;
+            const bool whole = p->pixel[l] > 0.0f && p->cell[l] == PIXEL_CELLS;
+            assert_true(!whole || reach > p->pixel[l]);
+            alone += !whole;
+        }
+    view_end(&v);
+    assert_true(alone >= 128);
+}
+
 static void facets_within_a_pixel_are_kept_apart(void **state)
 {
     /* a roof whose ridge runs down the middle of pixel column 32 */
@@ -143,6 +203,8 @@ static void points_far_apart_are_not_merged(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(rays_are_spread_evenly),
+    cmocka_unit_test(points_share_the_cells_of_their_pixel),
+    cmocka_unit_test(rays_do_not_start_behind_what_rises_in_the_pixel),
     cmocka_unit_test(facets_within_a_pixel_are_kept_apart),
     cmocka_unit_test(interpolated_normals_decide_where_there_are_any),
     cmocka_unit_test(sharp_lobes_are_merged_within_their_width),
