@@ -95,25 +95,31 @@ struct transport_world {     /* input of tracing; borrowed */
     const float (*gaze_numbers)[2]; /* [TRANSPORT_GAZES]: the same for gazes */
 };
 
+/* Where the lanes of a packet look. */
+struct sun_look {
+    _Alignas(64) float ray[3][PACKET];
+    uint32_t place[PACKET]; /* of the cells of its pixel, the one that it looks from (lanes_start) */
+};
+
+struct sun_corner;
+
 /* Directions to the sun: a square part of a grid on a face of the sky. */
 struct sun_tile {
     float axis[3], sine;                         /* a cone that contains it: unit; of its radius */
     float x[SUN_TILE], y[SUN_TILE], z[SUN_TILE]; /* unit: centres of the grid's squares, row by row */
-    /* Where each lane looks, within the square; then the tile's four corners, each lane of four in another order, with
-     * opposite ones after each other. */
-    _Alignas(64) float ray[SUN_TILE + 4][3][PACKET];
-    uint32_t place[SUN_TILE + 4][PACKET]; /* of the cells of its pixel, the one that it looks from (lanes_start) */
-    uint64_t cells[SKY_CELLS / 64]; /* bits of the cells that contain part of it */
+    struct sun_look looks[SUN_TILE];             /* within the squares */
+    uint64_t cells[SKY_CELLS / 64];              /* bits of the cells that contain part of it */
 };
 
 /* Light of a frame's sun in a tile. */
 struct sun_part {
-    uint32_t key, tile;      /* of its tile; its place in the index */
-    uint32_t asked;          /* bits of the directions with light */
-    float colour[3];         /* of luminance 1 */
-    float flux[3];           /* integral of luminance times direction */
-    float weight[SUN_TILE];  /* integral of luminance over the square */
-    float density[SUN_TILE]; /* sr^-1, of SUN_SAMPLES samples by luminance: for the balance heuristic */
+    uint32_t key, tile;            /* of its tile; its place in the index */
+    struct sun_corner *corners[4]; /* of the tile, opposite ones after each other */
+    uint32_t asked;                /* bits of the directions with light */
+    float colour[3];               /* of luminance 1 */
+    float flux[3];                 /* integral of luminance times direction */
+    float weight[SUN_TILE];        /* integral of luminance over the square */
+    float density[SUN_TILE];       /* sr^-1, of SUN_SAMPLES samples by luminance: for the balance heuristic */
 };
 
 struct sun_parts {
@@ -159,10 +165,10 @@ struct transport_view {
 };
 
 struct sun_kernels {
-    /* Looks from some lanes of a packet along some of a tile's rays: their bits of bits[ray] become 1 if they see the
+    /* Looks from some lanes of a packet along some of up to 32 rays: their bits of bits[ray] become 1 if they see the
      * sky, above their horizons; *view adds them up. Returns the number of rays. rays: NULL if everything is visible.
      */
-    uint64_t (*trace)(const struct rays *rays, const struct sun_tile *t, const struct shade_packet *p,
+    uint64_t (*trace)(const struct rays *rays, const struct sun_look *looks, const struct shade_packet *p,
                       uint32_t directions, uint32_t lanes, uint16_t *bits, struct transport_view *view);
     /* One ray to the tile from each of 16 points, spread over a block's packets. Returns the number of rays. */
     uint64_t (*probe)(const struct rays *rays, const struct sun_tile *t, const struct shade_packet *packets,

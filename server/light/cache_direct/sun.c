@@ -10,6 +10,7 @@
  * Most blocks see all or nothing of a tile, and have no bits. What an entry holds depends on nothing but the tile and
  * the block, not on the frames before: neither on their order nor on threads. */
 #include "light/cache_direct/internal.h"
+#include "light/cache_direct/sun_corner.h"
 
 #include "base/mem.h"
 #include "base/rng.h"
@@ -23,8 +24,8 @@
 
 #define SUN_GRID 512            /* 0.1 to 0.2 degrees apart; half as many have three times the error in penumbrae */
 #define SUN_GRID_LEAST SKY_EDGE /* of a sun that is as large as the sky */
+#define SUN_AHEAD 8             /* frames in which the directions that a sun comes to next are traced */
 #define SUN_MOST 1024           /* directions of a frame's sun, from which on the grid is coarser */
-#define SUN_CORNERS (3u << SUN_TILE) /* rays of a tile to two opposite corners; the other two are the next bits */
 
 /* What a block sees of a tile: of each packet, the lanes that see all of it, and those that see a part. The latter
  * have a bit for each direction, of packets one after another. */
@@ -51,6 +52,7 @@ struct sun_index {
     uint64_t frame;
     _Atomic uint64_t bytes;
     double place[SUN_TILE][PACKET][2]; /* of each lane's look in a direction's square */
+    struct sun_corners corners;
 };
 
 /* ---- Tiles ---- */
@@ -70,8 +72,6 @@ static void fill_tile(const struct sun_index *x, struct sun_tile *t, uint32_t gr
                       uint32_t column)
 {
     const uint32_t i0 = row * SUN_EDGE, j0 = column * SUN_EDGE;
-    static const uint8_t corners[2][2] = { { 0, SUN_EDGE - 1 }, { SUN_TILE - SUN_EDGE, SUN_TILE - 1 } },
-                         turns[4] = { 0, SUN_TILE - 1, SUN_EDGE - 1, SUN_TILE - SUN_EDGE };
     float least = 1.0f, w[3];
 
     invert_direction(grid, face, i0 + 0.5 * SUN_EDGE, j0 + 0.5 * SUN_EDGE, t->axis);
@@ -86,8 +86,8 @@ static void fill_tile(const struct sun_index *x, struct sun_tile *t, uint32_t gr
         for (uint32_t l = 0; l < PACKET; l++) {
             invert_direction(grid, face, i + x->place[k][l][1], j + x->place[k][l][0], w);
             for (int c = 0; c < 3; c++)
-                t->ray[k][c][l] = w[c];
-            t->place[k][l] = cell_of(k);
+                t->looks[k].ray[c][l] = w[c];
+            t->looks[k].place[l] = cell_of(k);
         }
         for (uint32_t corner = 0; corner < 4; corner++) {
             invert_direction(grid, face, i + INVERT_LAST * (corner >> 1), j + INVERT_LAST * (corner & 1), w);
@@ -95,14 +95,6 @@ static void fill_tile(const struct sun_index *x, struct sun_tile *t, uint32_t gr
         }
     }
     t->sine = sqrtf(fmaxf(0.0f, 1.0f - least * least)) + 1e-5f;
-    for (uint32_t l = 0; l < PACKET; l++)
-        for (uint32_t k = 0; k < 4; k++) {
-            const uint32_t corner = corners[l / 4 % 2][l % 2] ^ turns[k];
-            for (int c = 0; c < 3; c++)
-                t->ray[SUN_TILE + k][c][l] = t->ray[corner][c][l];
-            t->place[SUN_TILE + k][l] = pixel_cell(corner % SUN_EDGE ^ (l & 2 ? SUN_EDGE - 1 : 0),
-                                                   corner / SUN_EDGE ^ (l & 2 ? SUN_EDGE - 1 : 0));
-        }
 }
 
 static bool is_stored(const struct sun_view *v)
@@ -206,6 +198,12 @@ static struct sun_part *find_part(struct transport *t, struct sun_parts *s, uint
     memset(&s->at[s->count], 0, sizeof(*s->at));
     s->at[s->count].key = key;
     s->at[s->count].tile = (uint32_t)tile;
+    for (uint32_t k = 0; k < 4; k++) { /* tiles in a row look at the same corners first */
+        const uint32_t down = k % 2, right = (down + (row + column) % 2 + k / 2) % 2;
+        s->at[s->count].corners[k] = sun_corner_find(&t->index->corners, t, grid, face, row + down, column + right);
+        if (!s->at[s->count].corners[k])
+            return NULL;
+    }
     return &s->at[s->count++];
 }
 
@@ -288,7 +286,6 @@ static void sum_parts(const struct transport *t, struct transport_sun *s)
     s->sine = least > SMALL_COSINE ? sqrtf(1.0f - least * least) + 1e-5f : 2.0f;
 }
 
-#define SUN_AHEAD 8            /* frames in which the directions that a sun comes to next are traced */
 #define SUN_AHEAD_LEAST 0.995f /* cosine of the longest way in so many frames, 6 degrees: a sun that jumps */
 
 /* A moving sun would ask for many new directions in one frame and for none in the next ones. So frames ask early for
@@ -342,7 +339,8 @@ enum err transport_sun_take(struct transport *t, const struct environment *e)
     if (!t->index && !(t->index = new_index()))
         return ERR_NOMEM;
     t->index->frame++;
-    if (t->index->bytes > t->index_bytes)
+    sun_corners_frame(&t->index->corners, 2 * SUN_AHEAD);
+    if (t->index->bytes + t->index->corners.bytes > t->index_bytes)
         make_room(t);
     while (grid > SUN_GRID_LEAST && (uint64_t)t->sky.sun_count * grid * grid > (uint64_t)SUN_MOST * e->n * e->n)
         grid /= 2;
@@ -362,6 +360,8 @@ void transport_sun_forget(struct transport *t, uint32_t block)
 {
     for (uint32_t k = 0; t->index && k < t->index->count; k++)
         drop_view(t->index, &t->index->entries[k].views[block]);
+    if (t->index)
+        sun_corners_forget(&t->index->corners, t->blocks[block].first, t->blocks[block].packets);
 }
 
 void transport_sun_finish(struct transport *t)
@@ -370,6 +370,8 @@ void transport_sun_finish(struct transport *t)
         drop_entry(t, 0);
     if (t->index)
         mem_free(t->index->entries);
+    if (t->index)
+        sun_corners_finish(&t->index->corners);
     mem_free(t->index);
     mem_free(t->sun.parts.at);
     mem_free(t->sun.ahead.at);
@@ -405,19 +407,16 @@ static struct sun_view *judge_block(const struct transport *t, const struct tran
 
 /* A point sees all or nothing of a tile if two opposite corners say so; in a packet where some differ, if all four do.
  * Under leaves that would make dappled shade too dark. Returns the number of rows of bits. */
-static uint32_t judge_packets(const struct transport *t, const struct transport_block *b, const struct sun_tile *q,
+static uint32_t judge_packets(const struct transport *t, const struct transport_block *b, const struct sun_part *p,
                               struct sun_view *v, uint64_t *rays)
 {
     uint32_t rows = 0;
 
     memset(v, 0, sizeof(*v));
     for (uint32_t k = 0; k < b->packets; k++) {
-        const struct shade_packet *p = &t->gbuffer->packets[b->first + k];
         struct transport_view view = { 0, 0 };
-        uint16_t bits[SUN_TILE + 4] = { 0 };
-        *rays += t->kernels->sun->trace(t->rays, q, p, SUN_CORNERS, UINT16_MAX, bits, &view);
-        if (view.lit & view.dark)
-            *rays += t->kernels->sun->trace(t->rays, q, p, SUN_CORNERS << 2, UINT16_MAX, bits, &view);
+        for (uint32_t c = 0; c < 4 && (c < 2 || view.lit & view.dark); c++)
+            sun_corner_look(t, p->corners[c], b->first + k, &view, rays);
         const uint32_t both = view.lit & view.dark, parts = __builtin_popcount(both) < DAPPLED ? both : UINT16_MAX;
         v->parts[k] = (uint16_t)parts;
         v->whole[k] = (uint16_t)(view.lit && !view.dark ? UINT16_MAX : view.lit & ~parts);
@@ -437,7 +436,7 @@ static void trace_missing(const struct transport *t, const struct transport_bloc
 
     for (uint32_t k = 0; k < b->packets && missing; k++)
         if (v->parts[k])
-            *rays += t->kernels->sun->trace(t->rays, q, &t->gbuffer->packets[b->first + k], missing, v->parts[k],
+            *rays += t->kernels->sun->trace(t->rays, q->looks, &t->gbuffer->packets[b->first + k], missing, v->parts[k],
                                             v->bits[row++], &view);
     v->known = (uint16_t)(v->known | missing);
 }
@@ -471,7 +470,7 @@ static const struct sun_view *look(const struct transport *t, uint32_t block, co
     if (!*at)
         *at = judge_block(t, b, q, rays);
     if (!*at) {
-        const uint32_t rows = judge_packets(t, b, q, own, rays);
+        const uint32_t rows = judge_packets(t, b, p, own, rays);
         *at = keep_view(t->index, b, own, rows);
     }
     struct sun_view *v = *at ? *at : own;

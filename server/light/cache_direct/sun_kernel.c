@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-static uint64_t trace(const struct rays *rays, const struct sun_tile *t, const struct shade_packet *p,
+static uint64_t trace(const struct rays *rays, const struct sun_look *looks, const struct shade_packet *p,
                       uint32_t directions, uint32_t lanes, uint16_t *bits, struct transport_view *view)
 {
     _Alignas(64) int32_t valid[PACKET];
@@ -22,7 +22,7 @@ static uint64_t trace(const struct rays *rays, const struct sun_tile *t, const s
         struct lanes d[3], cosine;
         uint32_t asked = 0, lit = 0;
         bits[k] = (uint16_t)(bits[k] & ~lanes);
-        memcpy(d, t->ray[k], sizeof(d));
+        memcpy(d, looks[k].ray, sizeof(d));
         if (!lobes_see(p, d, &cosine))
             continue;
         LANES(l)
@@ -31,7 +31,7 @@ static uint64_t trace(const struct rays *rays, const struct sun_tile *t, const s
             asked |= (uint32_t)(valid[l] & 1) << l;
         }
         lanes_aim(d, &ray);
-        lanes_start(p, &pixels, t->place[k], &ray);
+        lanes_start(p, &pixels, looks[k].place, &ray);
         if (rays && asked) {
             rays_occluded16(rays, RAYS_TOGETHER, valid, &ray);
             traced += (uint64_t)__builtin_popcount(asked);
@@ -55,7 +55,7 @@ static uint64_t probe(const struct rays *rays, const struct sun_tile *t, const s
     for (uint32_t l = 0; l < PACKET; l++) {
         const struct shade_packet *p = &packets[l % count];
         const uint32_t k = (l / count * count + l % count * 5 + l % count) % PACKET; /* other lanes in each packet */
-        const float x = t->ray[l % SUN_TILE][0][l], y = t->ray[l % SUN_TILE][1][l], z = t->ray[l % SUN_TILE][2][l];
+        const float x = t->looks[l].ray[0][l], y = t->looks[l].ray[1][l], z = t->looks[l].ray[2][l];
         const bool faces = p->ns_x[k] * x + p->ns_y[k] * y + p->ns_z[k] * z > 0.0f &&
                            p->ng_x[k] * x + p->ng_y[k] * y + p->ng_z[k] * z > 0.0f;
         valid[l] = faces ? p->valid[k] : 0;

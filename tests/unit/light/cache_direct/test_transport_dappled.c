@@ -40,7 +40,7 @@ static double mean_of(const struct gbuffer *g, const float *lo)
 }
 
 /* Where points count as dark because the first directions agree, the shade comes out too dark: by 0.54 % of all light
- * if each point decides by itself, which this is to find, and by 0.29 % as it is: always the same numbers. */
+ * if each point decides by itself, which this is to find, and by 0.26 % as it is: always the same numbers. */
 static void dappled_shade_is_not_darker_than_it_is(void **state)
 {
     const struct camera above = { "above", { 0, 1.8f, 0.01f }, { 0, 0, 0 }, { 0, 0, -1 }, 1.2f };
