@@ -368,10 +368,10 @@ void transport_sun_finish(struct transport *t)
 {
     while (t->index && t->index->count > 0)
         drop_entry(t, 0);
-    if (t->index)
+    if (t->index) {
         mem_free(t->index->entries);
-    if (t->index)
         sun_corners_finish(&t->index->corners);
+    }
     mem_free(t->index);
     mem_free(t->sun.parts.at);
     mem_free(t->sun.ahead.at);

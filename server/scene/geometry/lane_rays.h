@@ -16,6 +16,18 @@ static inline void lanes_aim(const struct lanes d[3], struct ray16 *rays)
     }
 }
 
+/* Where a camera ray goes through a cell, in sixteenths of a pixel from its upper left corner: pixel_cell inverted, as
+ * view_ray_in_pixel. */
+static inline float lanes_cell_x(uint32_t cell)
+{
+    return (float)(int32_t)(((cell >> 1 & 2u) | (cell & 1u)) * 4 + 3 - ((cell >> 2 & 2u) | (cell >> 1 & 1u)));
+}
+
+static inline float lanes_cell_y(uint32_t cell)
+{
+    return (float)(int32_t)(((cell >> 2 & 2u) | (cell >> 1 & 1u)) * 4 + ((cell >> 1 & 2u) | (cell & 1u)));
+}
+
 /* Steps of a sixteenth of a pixel to the right and down on the points' planes, from its upper left corner. */
 struct lane_pixels {
     struct lanes corner[3], right[3], down[3];
@@ -46,9 +58,9 @@ static inline void lanes_pixels(const struct shade_packet *p, struct lane_pixels
             off_r += n[i] * r[i];
             off_d += n[i] * d[i];
         }
-        const uint32_t cell = p->cell[l], middle = cell / PIXEL_CELLS;
-        const uint32_t x = (cell >> 1 & 2u) | (cell & 1u), y = (cell >> 2 & 2u) | (cell >> 1 & 1u);
-        const float own_x = middle ? 7.5f : (float)(4 * x + 3 - y), own_y = middle ? 7.5f : (float)(4 * y + x);
+        const bool middle = p->cell[l] == PIXEL_CELLS;
+        const float own_x = middle ? 7.5f : lanes_cell_x(p->cell[l]);
+        const float own_y = middle ? 7.5f : lanes_cell_y(p->cell[l]);
         for (int i = 0; i < 3; i++) {
             r[i] -= n[i] * off_r; /* what rounding has left, so that level ground stays level */
             d[i] -= n[i] * off_d;
@@ -73,8 +85,7 @@ static inline void lanes_start(const struct shade_packet *p, const struct lane_p
     LANES(l)
     {
         const uint32_t digits = place[l] & 8u ? p->cells[1][l] : p->cells[0][l], cell = digits >> (place[l] & 7u) * 4;
-        const int32_t x = (int32_t)((cell >> 1 & 2u) | (cell & 1u)), y = (int32_t)((cell >> 2 & 2u) | (cell >> 1 & 1u));
-        const float right = (float)(4 * x + 3 - y), down = (float)(4 * y + x);
+        const float right = lanes_cell_x(cell), down = lanes_cell_y(cell);
         rays->org_x[l] = s->corner[0].v[l] + right * s->right[0].v[l] + down * s->down[0].v[l];
         rays->org_y[l] = s->corner[1].v[l] + right * s->right[1].v[l] + down * s->down[1].v[l];
         rays->org_z[l] = s->corner[2].v[l] + right * s->right[2].v[l] + down * s->down[2].v[l];
