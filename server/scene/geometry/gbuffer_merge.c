@@ -2,12 +2,15 @@
 
 #include <math.h>
 
-#define COS_5_DEGREES 0.99619470f  /* between arrivals by mirrors and glass */
-#define COS_10_DEGREES 0.98480775f /* between normals */
-#define COS_30_DEGREES 0.86602540f /* between those that are interpolated or mapped anyway */
-#define LOBE_PART 0.8f             /* of alpha, radians */
-#define REACH 6.0f                 /* footprints: a shadow often ends within them */
-#define ROUGHNESS_STEP 0.1f        /* lobes whose roughness differs by more are not averaged */
+#define COS_5_DEGREES 0.99619470f       /* between arrivals by mirrors and glass */
+#define COS_10_DEGREES 0.98480775f      /* between normals */
+#define COS_30_DEGREES 0.86602540f      /* between those that are interpolated or mapped anyway */
+#define LOBE_PART 0.8f                  /* of alpha, radians */
+#define REACH 6.0f                      /* footprints: a shadow often ends within them */
+#define WIDTH_PART 0.5f                 /* of the narrower of two escapes */
+#define FAINT (float)(3.0 * LEAF_LEAST) /* sum of weights below which an escape may turn by */
+#define FAINT_REACH 0.1f                /* radians, about a cell of the light-transport cache */
+#define ROUGHNESS_STEP 0.1f             /* lobes whose roughness differs by more are not averaged */
 
 /* Whether the lobes differ too little to matter, as they do within a texel or two of most roughness maps. */
 static bool lobes_alike(const struct leaf *a, const struct leaf *b)
@@ -26,12 +29,25 @@ static float least_cosine(const struct leaf *a, const struct leaf *b)
     return fmaxf(COS_10_DEGREES, fminf(0.99999f, 1.0f - 0.5f * (LOBE_PART * alpha) * (LOBE_PART * alpha)));
 }
 
+static float total(const struct leaf *l)
+{
+    return l->weight[0] + l->weight[1] + l->weight[2];
+}
+
+/* The angle between escapes that one lookup of their common width replaces. */
+static float miss_reach(const struct sight *s, const struct leaf *a, const struct leaf *b)
+{
+    const float least = fmaxf(1.5f * s->pixel_angle /* a diagonal */, WIDTH_PART * fminf(a->footprint, b->footprint));
+
+    return total(a) < FAINT && total(b) < FAINT ? fmaxf(least, FAINT_REACH) : least;
+}
+
 bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *b, float reach)
 {
+    if (a->missed && b->missed)
+        return vec3_length(vec3_sub(a->arrival, b->arrival)) <= miss_reach(s, a, b);
     if (a->missed != b->missed || a->bounces != b->bounces)
         return false;
-    if (a->missed)
-        return vec3_length(vec3_sub(a->arrival, b->arrival)) <= 1.5f * s->pixel_angle; /* a diagonal */
     if (a->mesh != b->mesh || a->material != b->material || a->kind != b->kind || a->layer != b->layer ||
         !lobes_alike(a, b))
         return false;
@@ -56,11 +72,6 @@ bool leaf_alike(const struct sight *s, const struct leaf *a, const struct leaf *
 static struct vec3 whereabouts(const struct leaf *l)
 {
     return l->missed ? l->arrival : l->surface.position;
-}
-
-static float total(const struct leaf *l)
-{
-    return l->weight[0] + l->weight[1] + l->weight[2];
 }
 
 /* Variances add: width^2 / 12 is the mean of the leaves' own and half the variance of their directions about the mean,

@@ -480,7 +480,51 @@ static void small_points_stand_for_each_other(void **state)
             assert_float_equal(mean[i][c], all[i].weight[c], 1e-3 * LEAF_LEAST);
 }
 
+/* Escapes of these weights and widths, turned by these angles about Y, are one after leaves_merge, or as many as
+ * before. */
+static uint32_t merged(float weight, float width, float turn, float other_turn, float *out_width)
+{
+    const struct sight sight = { .pixel_angle = 1e-3f };
+    const float turns[3] = { 0.0f, turn, other_turn };
+    struct leaf leaves[3];
+    struct leaf_link links[3];
+    uint32_t count = 3;
+    float sum = 0.0f;
+
+    for (int i = 0; i < 3; i++)
+        leaves[i] = (struct leaf){ .missed = true,
+                                   .bounces = (uint32_t)i,
+                                   .arrival = vec3_make(sinf(turns[i]), 0.0f, cosf(turns[i])),
+                                   .weight = { weight, weight, weight },
+                                   .footprint = width };
+    leaves_merge(&sight, leaves, links, &count);
+    for (uint32_t i = 0; i < count; i++)
+        sum += leaves[i].weight[0];
+    assert_float_equal(sum, 3.0f * weight, 1e-5f * weight);
+    *out_width = leaves[0].footprint;
+    return count;
+}
+
+/* Half of their width, a pixel and a half, or if all are faint a cell of the sky apart. Their common lookup keeps their
+ * variance: of three at -t, 0 and t, t^2 / 3 on each axis on average, so 4 t^2 more in the square of the width. */
+static void escapes_that_one_lookup_replaces_are_one(void **state)
+{
+    const float faint = 0.9f * (float)LEAF_LEAST, bright = 1.1f * (float)LEAF_LEAST;
+    float width;
+    (void)state;
+
+    assert_int_equal(merged(bright, 0.1f, 0.049f, -0.049f, &width), 1);
+    assert_float_equal(width, sqrtf(0.01f + 4.0f * 0.049f * 0.049f), 1e-4f);
+    assert_int_equal(merged(bright, 0.1f, 0.051f, -0.051f, &width), 3);
+    assert_int_equal(merged(bright, 1e-3f, 1.49e-3f, -1.49e-3f, &width), 1);
+    assert_int_equal(merged(bright, 1e-3f, 1.51e-3f, -1.51e-3f, &width), 3);
+    assert_int_equal(merged(faint, 1e-3f, 0.099f, -0.099f, &width), 1);
+    assert_float_equal(width, sqrtf(1e-6f + 4.0f * 0.099f * 0.099f), 1e-3f);
+    assert_int_equal(merged(faint, 1e-3f, 0.101f, -0.101f, &width), 3);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(escapes_that_one_lookup_replaces_are_one),
     cmocka_unit_test(small_points_stand_for_each_other),
     cmocka_unit_test(mirror_shows_what_it_reflects),
     cmocka_unit_test(slab_of_glass_reflects_and_passes_what_fresnel_says),
