@@ -3,6 +3,7 @@
 #include "base/cancel.h"
 #include "base/denormals.h"
 #include "base/mem.h"
+#include "base/precedence.h"
 #include "base/progress.h"
 #include "base/rng.h"
 #include "light/estimators/particles.h"
@@ -174,8 +175,10 @@ enum err caustic_store_turn(struct caustic_store *s, uint64_t turn, struct progr
     s->stats.renewed = 0;
     for (uint32_t k = 0; k < s->desc.parts && s->stats.paths > 0 && !e; k++) {
         const uint64_t number = turn + k;
-        if (!has_part(s, number))
+        if (!has_part(s, number)) {
+            precedence_give_way(s->desc.urgent);
             e = draw_part(s, number, cancel);
+        }
         whole = whole && has_part(s, number);
         progress_step(progress, 1);
     }

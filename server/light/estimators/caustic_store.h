@@ -35,6 +35,7 @@
 #define CAUSTIC_PARTS_MAX 4096
 
 struct caustic_store;
+struct precedence;
 struct progress;
 
 struct caustic_store_desc {
@@ -43,7 +44,8 @@ struct caustic_store_desc {
     uint32_t parts;   /* 1..CAUSTIC_PARTS_MAX; 0: the default */
     enum start_kind start;
     uint64_t seed;
-    bool ground_apart;  /* light on the ground (scene/geometry/ground.h) gets an image of its own, after the other */
+    bool ground_apart; /* light on the ground (scene/geometry/ground.h) gets an image of its own, after the other */
+    const struct precedence *urgent; /* work that caustic_store_turn gives way to between parts; may be NULL */
     uint64_t max_bytes; /* approximate memory limit; 0: 256 MiB. Fewer paths are stored if it does not suffice. */
 };
 

@@ -3,6 +3,7 @@
 #include "base/cancel.h"
 #include "base/denormals.h"
 #include "base/mem.h"
+#include "base/precedence.h"
 #include "base/progress.h"
 #include "base/vec.h"
 #include "scene/geometry/scatter_hit.h"
@@ -318,6 +319,7 @@ enum err eye_paths_record(const struct scene *scene, const struct rays *rays, co
             const uint32_t i = desc->only ? desc->only->index[k] : k;
             if (own || is_cancelled(desc->cancel))
                 continue;
+            precedence_give_way(desc->urgent);
             traced += record_packet(&f, &g->packets[i], i, classes, &r);
             if (r.count > 0)
                 own = take(context, i, r.ends, r.count);

@@ -26,6 +26,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+struct precedence;
 struct progress_part;
 #define EYE_PATH_STEPS 8 /* cost in light samples of a point, approximately */
 
@@ -38,9 +39,10 @@ struct eye_paths_desc {
     double most;         /* limit on a path's contribution, as the sum of its channels: biased. 0: no limit */
     uint64_t seed, pass; /* determine all random numbers; the passes of a seed continue one low-discrepancy sequence, so
                             that their mean converges faster */
-    const atomic_bool *cancel;      /* once true, remaining packets are not shaded; may be NULL */
-    struct progress_part *progress; /* stepped by EYE_PATH_STEPS per path of a packet; may be NULL */
-    struct scratch *scratch;        /* memory reused between calls, exclusive to this caller; NULL: from the system */
+    const atomic_bool *cancel;       /* once true, remaining packets are not shaded; may be NULL */
+    const struct precedence *urgent; /* work that eye_paths_record gives way to between packets; may be NULL */
+    struct progress_part *progress;  /* stepped by EYE_PATH_STEPS per path of a packet; may be NULL */
+    struct scratch *scratch;         /* memory reused between calls, exclusive to this caller; NULL: from the system */
 };
 
 struct eye_paths_stats {

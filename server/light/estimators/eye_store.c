@@ -6,6 +6,7 @@
 #include "base/mem.h"
 #include "light/estimators/eye_paths.h"
 #include "light/estimators/packed_direction.h"
+#include "sky/tables/sky_split.h"
 
 #include <assert.h>
 #include <math.h>
@@ -130,7 +131,11 @@ enum err eye_store_create(const struct scene *scene, const struct rays *rays, co
                           const struct eye_store_desc *desc, struct eye_store **out)
 {
     struct eye_paths_desc eye = {
-        .behind_classes = desc->classes, .paths = desc->paths, .seed = desc->seed, .cancel = desc->cancel
+        .behind_classes = desc->classes,
+        .paths = desc->paths,
+        .seed = desc->seed,
+        .cancel = desc->cancel,
+        .urgent = desc->urgent,
     };
     struct gathering all = { mem_alloc(g->packet_count + 1, sizeof(*all.of)) };
     struct eye_store *s = mem_alloc(1, sizeof(*s));
@@ -165,7 +170,7 @@ void eye_store_destroy(struct eye_store *s)
     mem_free(s);
 }
 
-static void light_packet(const struct list *list, const struct environment *e, float share, float *lo)
+static void light_packet(const struct list *list, const struct environment *e, float level, float share, float *lo)
 {
     float sum[3][PACKET] = { { 0.0f } };
 
@@ -174,16 +179,17 @@ static void light_packet(const struct list *list, const struct environment *e, f
         const struct texel *t = &e->texels[direction_texel(end->from, e->n)];
         if (k + AHEAD < list->count)
             __builtin_prefetch(&e->texels[direction_texel(end[AHEAD].from, e->n)]);
-        sum[0][end->lane] += t->r * half_widen(end->rgb[0]);
-        sum[1][end->lane] += t->g * half_widen(end->rgb[1]);
-        sum[2][end->lane] += t->b * half_widen(end->rgb[2]);
+        const float below = sky_lower(level, rgb_luminance(t->r, t->g, t->b));
+        sum[0][end->lane] += below * t->r * half_widen(end->rgb[0]);
+        sum[1][end->lane] += below * t->g * half_widen(end->rgb[1]);
+        sum[2][end->lane] += below * t->b * half_widen(end->rgb[2]);
     }
     for (int c = 0; c < 3; c++)
         for (int l = 0; l < PACKET; l++)
             lo[c * PACKET + l] += share * sum[c][l];
 }
 
-void eye_store_light(const struct eye_store *s, const struct environment *e, float *lo)
+void eye_store_light(const struct eye_store *s, const struct environment *e, float level, float *lo)
 {
     const float share = 1.0f / (float)s->stats.per_point;
 
@@ -193,7 +199,7 @@ void eye_store_light(const struct eye_store *s, const struct environment *e, flo
         const unsigned before = denormals_flush();
 #pragma omp for schedule(dynamic, 16)
         for (uint32_t k = 0; k < s->list_count; k++)
-            light_packet(&s->lists[k], e, share, lo + (size_t)s->lists[k].packet * 3 * PACKET);
+            light_packet(&s->lists[k], e, level, share, lo + (size_t)s->lists[k].packet * 3 * PACKET);
         denormals_restore(before);
     }
 }

@@ -20,13 +20,15 @@
 #include <stdint.h>
 
 struct eye_store;
+struct precedence;
 
 struct eye_store_desc {
     uint32_t classes;   /* at points behind mirrors and glass: PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC, or one of them */
     uint32_t paths;     /* N per point, at least 1 */
     uint64_t seed;      /* determines the paths */
     uint64_t max_bytes; /* approximate; 0: 256 MiB. If it does not suffice, N is smaller */
-    const atomic_bool *cancel; /* may be NULL */
+    const atomic_bool *cancel;       /* may be NULL */
+    const struct precedence *urgent; /* work that tracing gives way to; may be NULL */
 };
 
 struct eye_store_stats {
@@ -42,7 +44,7 @@ MUST_CHECK enum err eye_store_create(const struct scene *scene, const struct ray
                                      const struct eye_store_desc *desc, struct eye_store **out);
 void eye_store_destroy(struct eye_store *s); /* NULL is allowed */
 
-/* Adds the light of e to lo, float[packet_count][3][16]. */
-void eye_store_light(const struct eye_store *s, const struct environment *e, float *lo);
+/* Adds the light of e's part below `level` (sky_lower; infinite: the whole sky) to lo, float[packet_count][3][16]. */
+void eye_store_light(const struct eye_store *s, const struct environment *e, float level, float *lo);
 
 const struct eye_store_stats *eye_store_stats(const struct eye_store *s); /* owned by the store */

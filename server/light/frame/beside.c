@@ -20,8 +20,9 @@
  * half, parts of one half of the samples, then of the other, and the filter. */
 enum { SLICE_STORED, SLICE_STORED_OTHER, SLICE_SAMPLES };
 
-#define PART_PATHS 125000 /* eye paths of a part, about */
-#define PARTS_MOST 8      /* of half of the samples */
+#define PART_PATHS 40000 /* eye paths of a part, about, */
+#define PARTICLE_PATHS 2 /* each of whose rays a particle needs twice as many */
+#define PARTS_MOST 8     /* of half of the samples */
 
 /* A sky that has changed by more since the last image is not worth gliding to: of its energy, and radians of its sun, 3
  * degrees, for which a day's sun takes 12 minutes. */
@@ -48,14 +49,15 @@ struct beside {
     float sun[3];                /* and where its sun was */
     /* Of the image: */
     const struct relight_desc *request;
-    const struct relight_desc *grows;     /* the same, if stored paths are to grow; else NULL */
-    const struct relight_desc *stored_by; /* the same, if it shows stored paths; else NULL */
-    struct light_tracer_desc light[2];    /* particles 0: none */
-    struct eye_paths_desc unserved;       /* indirect light that the cache leaves to eye paths; paths 0: none */
-    uint64_t wanted;                      /* its key */
-    bool glides;                          /* nothing is sampled */
-    bool still, slow;                     /* its sky is the last one's; its light may glide under that */
-    const atomic_bool *cancel;            /* may be NULL */
+    const struct relight_desc *grows;      /* the same, if stored paths are to grow; else NULL */
+    const struct relight_desc *stored_by;  /* the same, if it shows stored paths; else NULL */
+    struct light_tracer_desc light[3];     /* particles 0: none; the last: of the sun, beside stored paths */
+    struct eye_paths_desc unserved;        /* indirect light that the cache leaves to eye paths; paths 0: none */
+    uint64_t wanted;                       /* its key */
+    const struct eye_store *const *behind; /* its two halves of stored eye paths; NULL: none */
+    bool glides;                           /* nothing is sampled */
+    bool still, slow;                      /* its sky is the last one's; its light may glide under that */
+    const atomic_bool *cancel;             /* may be NULL */
 };
 
 struct beside *beside_create(const struct prepared_scene *set, struct denoiser *denoiser)
@@ -122,13 +124,17 @@ static uint32_t slices(const struct beside *b)
     return SLICE_SAMPLES + 2 * b->parts + 1;
 }
 
-/* The parts that half of an image's eye paths take. */
+/* The parts that half of an image's samples take. */
 static uint32_t count_parts(const struct beside *b, const struct eye_paths_desc *eye)
 {
     const struct eye_paths_desc *u = &b->unserved;
     const uint64_t found = (eye->paths + 1) / 2 * b->set->facts.behind,
                    left = u->paths ? (uint64_t)(u->paths + 1) / 2 * u->only->count * PACKET : 0;
-    const uint64_t parts = 1 + (found + left) / PART_PATHS;
+    uint64_t particles = 0;
+
+    for (int i = 0; i < 3; i++)
+        particles += b->light[i].particles / 2;
+    const uint64_t parts = 1 + (found + left + PARTICLE_PATHS * particles) / PART_PATHS;
 
     return parts < PARTS_MOST ? (uint32_t)parts : PARTS_MOST;
 }
@@ -151,8 +157,8 @@ static void begin(struct beside *b, bool whole)
     b->key = b->wanted;
 }
 
-/* Caustics by eye paths leave the passes' eye paths. */
-static struct eye_paths_desc take_eye_paths(const struct environment *e, struct frame_plan *plan)
+/* Caustics by eye paths leave the passes' eye paths. stored: there are others behind mirrors and glass. */
+static struct eye_paths_desc take_eye_paths(const struct environment *e, bool stored, struct frame_plan *plan)
 {
     struct pass *s = frame_plan_find(plan, PASS_EYE);
 
@@ -160,7 +166,7 @@ static struct eye_paths_desc take_eye_paths(const struct environment *e, struct 
         return (struct eye_paths_desc){ .paths = 0 };
     struct eye_paths_desc own = s->eye;
     own.classes &= PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC;
-    own.behind_classes &= ~(uint32_t)PATH_INDIRECT_LIT;
+    own.behind_classes = stored ? 0 : own.behind_classes & ~(uint32_t)PATH_INDIRECT_LIT;
     own.most = 3.0 * BRIGHTEST * e->total_energy / PI;
     own.paths = own.classes || own.behind_classes ? MOST_PATHS : 0;
     s->eye.classes &= PATH_INDIRECT_LIT;
@@ -185,7 +191,8 @@ static void take_left(struct beside *b, struct frame_plan *plan)
 
 static void take_particles(struct beside *b, struct frame_plan *plan)
 {
-    b->light[0] = b->light[1] = (struct light_tracer_desc){ .particles = 0 };
+    for (int k = 0; k < 3; k++)
+        b->light[k] = (struct light_tracer_desc){ .particles = 0 };
     for (uint32_t k = 0, i = 0; k < plan->count; k++)
         if (plan->pass[k].kind == PASS_PARTICLES)
             b->light[i++] = plan->pass[k].light;
@@ -193,7 +200,8 @@ static void take_particles(struct beside *b, struct frame_plan *plan)
 }
 
 void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
-                     const struct relight_stats *stats, bool glides, struct frame_plan *plan)
+                     const struct relight_stats *stats, const struct eye_store *const *behind, bool glides,
+                     struct frame_plan *plan)
 {
     const struct plan *p = &stats->plan;
 
@@ -208,8 +216,9 @@ void beside_describe(struct beside *b, const struct environment *e, const struct
     frame_plan_drop(plan, PASS_STORED);
     take_particles(b, plan);
     take_left(b, plan);
-    b->wanted |= (uint64_t)(b->unserved.paths > 0) << 63;
-    const struct eye_paths_desc eye = take_eye_paths(e, plan);
+    b->behind = p->caustics == PLAN_STORED ? behind : NULL;
+    b->wanted |= (uint64_t)(b->unserved.paths > 0) << 63 | (uint64_t)(b->behind != NULL) << 62;
+    const struct eye_paths_desc eye = take_eye_paths(e, b->behind != NULL, plan);
     frame_plan_add(plan, PASS_BESIDE, PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC)->eye = eye;
     frame_plan_add(plan, PASS_REST, 0);
 }
@@ -222,8 +231,8 @@ static bool takes(const struct beside *b, uint32_t point, size_t image)
     return b->weight[point] > 0.0f && (b->images == 1 || b->set->scene->materials[material].ground == (image == 1));
 }
 
-/* Moves a pixel's splats of image 0 or 1 to its shade points in lo. */
-static void move_pixel(struct beside *b, size_t pixel, size_t image, float *lo)
+/* Moves this share of a pixel's splats of image 0 or 1 to its shade points in lo. */
+static void move_pixel(struct beside *b, size_t pixel, size_t image, float share, float *lo)
 {
     const struct gbuffer *g = b->set->gbuffer;
     float *splats = b->image + image * b->values + 3 * pixel, *rest = b->fresh + image * b->values + 3 * pixel;
@@ -238,21 +247,22 @@ static void move_pixel(struct beside *b, size_t pixel, size_t image, float *lo)
             continue;
         float *to = lo + (size_t)(point / PACKET) * 3 * PACKET + point % PACKET;
         for (size_t c = 0; c < 3; c++)
-            to[c * PACKET] += g->entries[k].weight[0] / b->weight[point] * splats[c] / sum;
+            to[c * PACKET] += share * g->entries[k].weight[0] / b->weight[point] * splats[c] / sum;
     }
     for (int c = 0; c < 3 && !(sum > 0.0f); c++)
-        rest[c] += 0.5f * splats[c];
+        rest[c] += share * 0.5f * splats[c];
     memset(splats, 0, 3 * sizeof(float));
 }
 
-static void move_splats(struct beside *b, float *lo)
+static void move_splats(struct beside *b, float share, float *lo)
 {
     for (size_t k = 0; k < b->images * b->values; k += 3)
         if (b->image[k] + b->image[k + 1] + b->image[k + 2] > 0.0f)
-            move_pixel(b, k % b->values / 3, k / b->values, lo);
+            move_pixel(b, k % b->values / 3, k / b->values, share, lo);
 }
 
-/* A half of the stored light. Until there is other light to show, the store grows only enough for this image. */
+/* A half of the stored light. Until there is other light to show, the store grows only enough for this image; once it
+ * is full only a still sky renews it, of which every image is a better one. */
 static enum err run_stored(struct beside *b, struct relight_caustics *c, const struct environment *e, uint32_t k,
                            struct relight_stats *stats)
 {
@@ -260,17 +270,21 @@ static enum err run_stored(struct beside *b, struct relight_caustics *c, const s
     enum err result = ERR_OK;
 
     memset(b->stored[k], 0, b->points * sizeof(float));
-    if (k == 0 && b->grows && (turn > 0 || b->stored_by))
+    if (k == 0 && b->grows && (turn > 0 || b->stored_by) && (b->still || !relight_caustics_is_full(c)))
         result = relight_caustics_grow(c, b->grows, turn > 0 ? GROW_S : 0.0, stats);
-    if (!b->stored_by || result)
-        return result;
-    result = caustic_store_light_half(c->store, e, c->sky.level, k, b->image);
-    move_splats(b, b->stored[k]);
+    if (b->stored_by && !result) {
+        result = caustic_store_light_half(c->store, e, c->sky.level, k, b->image);
+        move_splats(b, 1.0f, b->stored[k]);
+    }
+    if (b->behind && !result)
+        eye_store_light(b->behind[k], e, c->sky.level, b->stored[k]);
     return result;
 }
 
+/* Of half k, as many of them as a part has. */
 static enum err run_particles(struct beside *b, struct passes *s, const struct environment *e,
-                              const struct light_tracer_desc *desc, uint64_t k, struct relight_stats *stats)
+                              const struct light_tracer_desc *desc, uint64_t k, uint64_t part,
+                              struct relight_stats *stats)
 {
     struct light_tracer_desc own = *desc;
     struct light_tracer_stats one = { 0 };
@@ -278,8 +292,8 @@ static enum err run_particles(struct beside *b, struct passes *s, const struct e
     if (desc->particles == 0)
         return ERR_OK;
     own.ground = b->images > 1 ? b->image + b->values : NULL;
-    own.particles = (desc->particles + 1) / 2;
-    own.pass = 0;
+    own.particles = (desc->particles + 2 * b->parts - 1) / (2 * b->parts);
+    own.pass = part;
     own.seed = rng_mix(desc->seed, 2 * accumulation_turn(b->accumulation) + k);
     const enum err result = light_tracer_run(s->light, e, &own, b->image, &one);
     light_tracer_stats_add(&stats->light, &one);
@@ -307,25 +321,18 @@ static enum err run_eye_paths(struct beside *b, const struct environment *e, con
     return result;
 }
 
-/* A part of new samples, to half k; all particles belong to the first one. */
-static enum err run_half(struct beside *b, struct passes *s, const struct relight_caustics *c,
-                         const struct environment *e, const struct eye_paths_desc *eye, uint64_t k, uint64_t part,
-                         struct relight_stats *stats)
+/* A part of new samples, to half k. */
+static enum err run_half(struct beside *b, struct passes *s, const struct environment *e,
+                         const struct eye_paths_desc *eye, uint64_t k, uint64_t part, struct relight_stats *stats)
 {
-    struct light_tracer_desc sun = { .particles = 0 };
-
     if (part == 0)
         memset(b->half[k], 0, b->points * sizeof(float));
     enum err result = run_eye_paths(b, e, eye, k, part, stats);
     if (!result)
         result = run_eye_paths(b, e, &b->unserved, k, part, stats);
-    if (part > 0)
-        return result;
-    if (b->stored_by)
-        sun = relight_caustics_sun(c, e, b->stored_by, stats->plan.particles);
     for (int i = 0; i < 3 && !result; i++)
-        result = run_particles(b, s, e, i < 2 ? &b->light[i] : &sun, k, stats);
-    move_splats(b, b->half[k]);
+        result = run_particles(b, s, e, &b->light[i], k, part, stats);
+    move_splats(b, 1.0f / (float)b->parts, b->half[k]);
     return result;
 }
 
@@ -358,8 +365,8 @@ static enum err run_slice(struct beside *b, struct passes *s, struct relight_cau
     else if (b->slice + 1 == slices(b))
         filter(b, s->lo);
     else
-        result = run_half(b, s, c, e, eye, (b->slice - SLICE_SAMPLES) / b->parts, (b->slice - SLICE_SAMPLES) % b->parts,
-                          stats);
+        result =
+            run_half(b, s, e, eye, (b->slice - SLICE_SAMPLES) / b->parts, (b->slice - SLICE_SAMPLES) % b->parts, stats);
     b->slice = result || is_cancelled(b->cancel) ? SLICE_STORED : (b->slice + 1) % slices(b);
     return result;
 }
@@ -401,7 +408,9 @@ static void add_shown(const struct beside *b, float *lo)
 enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics, const struct environment *e,
                     const struct eye_paths_desc *eye, struct relight_stats *stats)
 {
-    if (!stats->bias && eye->paths > 0)
+    if (!stats->bias && b->behind)
+        stats->bias = "caustics behind mirrors and glass: without those of the sun";
+    else if (!stats->bias && eye->paths > 0)
         stats->bias = "caustics behind mirrors and glass: no path brings more than a limit";
     if (b->glides) {
         accumulation_glide(b->accumulation, b->shown);
@@ -409,6 +418,8 @@ enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics 
         return ERR_OK;
     }
     enum err result = relight_caustics_take(caustics, e, b->request);
+    if (b->stored_by)
+        b->light[2] = relight_caustics_sun(caustics, e, b->stored_by, stats->plan.particles);
     const bool whole = is_other_sky(b, caustics, e) || b->still || !b->shows || b->wanted != b->key;
 
     if (whole)

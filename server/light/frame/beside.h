@@ -35,9 +35,11 @@ bool beside_wanted(const struct prepared_scene *set, const struct relight_desc *
 
 /* Begins an image under e of which stats->plan and stats->still are known; glides: nothing will be sampled. Takes from
  * its passes stored paths, particles, caustics by eye paths, and everything but indirect light behind mirrors and
- * glass, with a limit for the contribution of a path; adds PASS_BESIDE and PASS_REST. */
+ * glass, by the two halves of `behind`, which must outlive the image, or if that is NULL by eye paths with a limit for
+ * the contribution of each; adds PASS_BESIDE and PASS_REST. */
 void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
-                     const struct relight_stats *stats, bool glides, struct frame_plan *plan);
+                     const struct relight_stats *stats, const struct eye_store *const *behind, bool glides,
+                     struct frame_plan *plan);
 
 /* Adds the image's light to s->lo: stored paths, whose number grows by it, particles, and the eye paths of PASS_BESIDE.
  * Adds to *stats. eye->only: the packets, all of them. ERR_NOMEM. */

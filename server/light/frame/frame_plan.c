@@ -99,14 +99,20 @@ uint32_t relight_plan_later(const struct relight_desc *desc, const struct plan *
     return relight_plan_classes(p, PLAN_STORED);
 }
 
-/* Live images do not wait for stored paths; they accumulate instead (beside.h). */
-uint32_t relight_plan_behind(const struct prepared_scene *set, const struct relight_desc *desc, const struct plan *p)
+uint32_t relight_plan_behind(const struct relight_desc *desc, const struct plan *p)
 {
     const bool stored = relight_is_cached(desc) && desc->caustics == PLAN_AUTO && p->caustics == PLAN_STORED;
 
-    if (!stored || !p->behind_caustics || desc->cache_background || desc->denoise || beside_wanted(set, desc))
+    if (!stored || !p->behind_caustics)
         return 0;
     return desc->classes & (PATH_CAUSTICS | (p->behind_indirect ? PATH_INDIRECT_CAUSTIC : 0));
+}
+
+uint32_t relight_plan_awaited(const struct prepared_scene *set, const struct relight_desc *desc, const struct plan *p)
+{
+    const bool waits = !desc->cache_background && !desc->denoise && !beside_wanted(set, desc);
+
+    return waits ? relight_plan_behind(desc, p) : 0;
 }
 
 /* ---- The passes ---- */
@@ -143,7 +149,7 @@ static void add_eye_paths(const struct prepared_scene *set, const struct indirec
 {
     const uint32_t lit = p->indirect == PLAN_CACHE ? PATH_INDIRECT_CAUSTIC : PATH_INDIRECT;
     const uint32_t behind = (p->behind_caustics ? PATH_CAUSTICS : 0) | (p->behind_indirect ? lit : 0);
-    const uint32_t stored = relight_plan_behind(set, desc, p);
+    const uint32_t stored = relight_plan_awaited(set, desc, p);
     const struct packet_list *left = left_by_cache(indirect, p);
     struct eye_paths_desc eye = {
         .classes = desc->classes & relight_plan_classes(p, PLAN_EYE),

@@ -71,8 +71,11 @@ uint32_t relight_plan_classes(const struct plan *p, enum plan_estimator who);
 /* The classes that images with the cache will take from stored light paths, even if this one cannot yet; 0: none. */
 uint32_t relight_plan_later(const struct relight_desc *desc, const struct plan *p);
 
-/* The classes that stored eye paths light at points behind mirrors and glass; 0: none. */
-uint32_t relight_plan_behind(const struct prepared_scene *set, const struct relight_desc *desc, const struct plan *p);
+/* The classes that stored eye paths can light at points behind mirrors and glass; 0: none. */
+uint32_t relight_plan_behind(const struct relight_desc *desc, const struct plan *p);
+
+/* The same if the image waits for them; live images do not (beside.h). */
+uint32_t relight_plan_awaited(const struct prepared_scene *set, const struct relight_desc *desc, const struct plan *p);
 
 /* Lists the passes of a plan, without a filter. *out borrows desc, indirect and scratch. */
 void frame_plan_make(const struct prepared_scene *set, const struct indirect_cache *indirect, struct scratch *scratch,

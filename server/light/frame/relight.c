@@ -64,7 +64,7 @@ enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc,
         e = relight_cache_keep(&r->cache);
     if (!e && stored)
         e = relight_caustics_make(&r->caustics, r->set, desc, stored, progress, ms);
-    const uint32_t behind = relight_plan_behind(r->set, desc, &plan);
+    const uint32_t behind = relight_plan_awaited(r->set, desc, &plan);
     if (!e && behind)
         e = relight_caustics_make_behind(&r->caustics, r->set, desc, behind, plan.eye_paths, ms);
     return e;
@@ -148,9 +148,12 @@ static enum err add_beside(struct relighter *r, const struct environment *e, con
         r->beside = beside_create(r->set, r->denoiser);
     if (!r->beside)
         return ERR_NOMEM;
-    beside_describe(r->beside, e, desc, stats, glides, plan);
+    beside_describe(r->beside, e, desc, stats, relight_cache_behind(&r->cache), glides, plan);
     const uint32_t later = relight_plan_later(desc, &stats->plan);
-    return later ? relight_caustics_begin(&r->caustics, r->set, desc, later) : ERR_OK;
+    const enum err result = later ? relight_caustics_begin(&r->caustics, r->set, desc, later) : ERR_OK;
+    if (!result)
+        relight_cache_take_caustics(&r->cache, &r->caustics);
+    return result;
 }
 
 /* Counts of one of two halves. */

@@ -6,7 +6,12 @@
 #include "base/mem.h"
 #include "base/progress.h"
 #include "base/threads.h"
+#include "base/rng.h"
 #include "light/cache/memory.h"
+#include "light/estimators/eye_store.h"
+#include "light/frame/beside.h"
+#include "light/estimators/caustic_store.h"
+#include "light/frame/frame_plan.h"
 
 #include <math.h>
 #include <omp.h>
@@ -15,6 +20,8 @@
 #include <time.h>
 
 enum { QUICK, WHOLE, STAGES }; /* of indirect light */
+
+#define BEHIND_PATHS 16 /* eye paths per point behind mirrors and glass, in each of two halves that are filtered */
 
 struct relight_builder {
     const struct prepared_scene *set;
@@ -33,6 +40,10 @@ struct relight_builder {
     struct indirect_cache *_Atomic next; /* not taken yet, or NULL */
     const struct indirect_cache *whole;  /* the frames' thread owns it */
     struct indirect_desc described;      /* of `whole` */
+    struct eye_store *behind[2];
+    atomic_bool behind_ready;
+    struct caustic_store *_Atomic caustics; /* not taken yet, or NULL */
+    struct caustic_store_desc caustics_made;
     atomic_bool cancelled;
     atomic_bool computes; /* files do not hold everything */
     atomic_bool done;     /* then the next fields are set */
@@ -157,6 +168,65 @@ static const struct transport *build_direct(struct relight_builder *b)
     return t;
 }
 
+/* Without memory for them live images trace such paths. */
+static void build_behind(struct relight_builder *b, const struct plan *plan)
+{
+    const double start = clock_seconds();
+    struct eye_store_desc d = {
+        .classes = relight_plan_behind(&b->light, plan),
+        .paths = BEHIND_PATHS,
+        .max_bytes = b->light.cache_bytes / 2,
+        .cancel = &b->cancelled,
+        .urgent = b->urgent,
+    };
+    bool all = d.classes != 0;
+
+    for (int k = 0; k < 2 && all; k++) {
+        d.seed = rng_mix(b->light.direct.seed, 0x657965u + (uint64_t)k);
+        all =
+            eye_store_create(b->set->scene, b->set->rays, b->set->gbuffer, &d, &b->behind[k]) == ERR_OK && b->behind[k];
+    }
+    if (all)
+        log_info("caustics behind mirrors and glass: stored in the background in %.1f s, %.1f MB",
+                 clock_seconds() - start,
+                 1e-6 * (double)(eye_store_stats(b->behind[0])->bytes + eye_store_stats(b->behind[1])->bytes));
+    atomic_store(&b->behind_ready, all);
+}
+
+/* Live images begin such a store themselves. */
+static void build_caustics(struct relight_builder *b, const struct plan *plan)
+{
+    const uint32_t classes = relight_plan_classes(plan, PLAN_STORED);
+    struct caustic_store_desc d = relight_caustics_describe(b->set, &b->light, classes);
+    const double start = clock_seconds();
+    struct caustic_store *made = NULL;
+    struct reason why;
+
+    b->caustics_made = d;
+    d.urgent = b->urgent;
+    if (!classes || caustic_store_create(b->set->scene, b->set->rays, &b->set->view, &d, &made, &why))
+        return;
+    if (caustic_store_turn(made, 0, NULL, &b->cancelled) || !caustic_store_is_complete(made)) {
+        caustic_store_destroy(made);
+        return;
+    }
+    log_info("caustics: stored in the background in %.1f s, %.0f MB", clock_seconds() - start,
+             1e-6 * (double)caustic_store_stats(made)->bytes);
+    atomic_store(&b->caustics, made);
+}
+
+/* What live images have beside the caches (beside.h). */
+static void build_beside(struct relight_builder *b)
+{
+    struct plan plan;
+
+    if (!beside_wanted(b->set, &b->light) || is_cancelled(&b->cancelled))
+        return;
+    plan_make(&b->set->facts, &b->light, true, &plan);
+    build_behind(b, &plan);
+    build_caustics(b, &plan);
+}
+
 /* Direct light reserves its share of the memory first, whichever is computed first. */
 static void check_memory(struct relight_builder *b, const struct transport *t)
 {
@@ -180,6 +250,8 @@ static void *build_main(void *arg)
         build_quick_indirect(b);
     if (!b->loaded)
         build_coarsely(b);
+    if (atomic_load(&b->computes) && !b->error)
+        build_beside(b);
     if (indirect && !b->error && !is_cancelled(&b->cancelled))
         build_whole_indirect(b);
     const struct transport *t = b->loaded ? b->loaded : build_direct(b);
@@ -188,6 +260,8 @@ static void *build_main(void *arg)
     if (t && (!b->loaded || b->whole))
         relight_keep_save(&b->keep, t, b->whole, b->whole ? &b->described : NULL);
     atomic_store(&b->done, true);
+    if (!atomic_load(&b->computes)) /* images have both caches at once, and these paths later */
+        build_beside(b);
     return NULL;
 }
 
@@ -237,6 +311,9 @@ void relight_builder_destroy(struct relight_builder *b)
         pthread_join(b->thread, NULL);
     indirect_destroy(atomic_load(&b->next));
     transport_live_destroy(b->live);
+    caustic_store_destroy(atomic_load(&b->caustics));
+    for (int k = 0; k < 2; k++)
+        eye_store_destroy(b->behind[k]);
     mem_free(b);
 }
 
@@ -254,6 +331,19 @@ struct transport_live *relight_builder_live(struct relight_builder *b)
 struct indirect_cache *relight_builder_take(struct relight_builder *b)
 {
     return atomic_exchange(&b->next, NULL);
+}
+
+const struct eye_store *const *relight_builder_behind(const struct relight_builder *b)
+{
+    return atomic_load(&b->behind_ready) ? (const struct eye_store *const *)b->behind : NULL;
+}
+
+void relight_builder_take_caustics(struct relight_builder *b, struct relight_caustics *to)
+{
+    struct caustic_store *made = atomic_exchange(&b->caustics, NULL);
+
+    if (made)
+        relight_caustics_adopt(to, made, &b->caustics_made);
 }
 
 bool relight_builder_is_done(struct relight_builder *b, enum err *e, struct relight_indirect *indirect,

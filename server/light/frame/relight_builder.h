@@ -3,6 +3,7 @@
 #pragma once
 
 #include "light/cache_direct/live.h"
+#include "light/frame/relight_caustics.h"
 #include "light/frame/relight_indirect.h"
 #include "light/frame/relight_keep.h"
 
@@ -19,8 +20,8 @@ struct relight_builder_desc {
 };
 
 /* Starts the builder, which removes the largest errors first: a quick, rough cache of indirect light, if needed, that
- * frames use at once; coarse direct light; full indirect light, stored at once so that a kill does not lose it; full
- * direct light. Parts in the file are loaded instead. ERR_NOMEM. */
+ * frames use at once; coarse direct light; stored paths of caustics; full indirect light, stored at once so
+ * that a kill does not lose it; full direct light. Parts in the file are loaded instead. ERR_NOMEM. */
 MUST_CHECK enum err relight_builder_create(const struct relight_builder_desc *desc, struct relight_builder **out,
                                            struct reason *why);
 
@@ -36,6 +37,13 @@ struct transport_live *relight_builder_live(struct relight_builder *b);
 /* Returns a new cache of indirect light or NULL. The caller owns it and must keep it until it gets another one or
  * destroys the builder. Thread: any. */
 struct indirect_cache *relight_builder_take(struct relight_builder *b);
+
+/* Two halves of the eye paths behind mirrors and glass of live images (eye_store.h); NULL: not there, or not wanted.
+ * They are the builder's. Thread: any. */
+const struct eye_store *const *relight_builder_behind(const struct relight_builder *b);
+
+/* Hands over the store of light paths, once, to those who have begun one like it. */
+void relight_builder_take_caustics(struct relight_builder *b, struct relight_caustics *to);
 
 /* False while it computes. Once true, one more call of relight_builder_take returns the last cache. *e is the result of
  * direct light, with a reason: ERR_RANGE, ERR_NOMEM. bounce->loaded and bounce->refused are the result of

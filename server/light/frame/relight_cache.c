@@ -6,6 +6,7 @@
 #include "base/rng.h"
 #include "light/cache/cache_share.h"
 #include "light/cache_direct/live.h"
+#include "light/frame/beside.h"
 #include "light/frame/relight_builder.h"
 
 #include <stdio.h>
@@ -196,7 +197,8 @@ static enum err load_or_make(struct relight_cache *c, const struct prepared_scen
             relight_keep_save(&c->keep, c->transport, NULL, NULL);
     }
     const struct relight_builder_desc rest = { set, kernels, desc, &t, &c->keep, c->transport };
-    if (!e && desc->cache_background && (!c->transport || relight_indirect_wanted(set, desc)))
+    if (!e && desc->cache_background &&
+        (!c->transport || relight_indirect_wanted(set, desc) || beside_wanted(set, desc)))
         e = begin(c, &rest, why);
     return e;
 }
@@ -238,6 +240,17 @@ double relight_cache_follow(struct relight_cache *c)
     if (c->refused || !c->transport)
         return 0.0;
     return c->building ? relight_builder_share(c->builder) : 1.0;
+}
+
+const struct eye_store *const *relight_cache_behind(const struct relight_cache *c)
+{
+    return c->builder ? relight_builder_behind(c->builder) : NULL;
+}
+
+void relight_cache_take_caustics(struct relight_cache *c, struct relight_caustics *to)
+{
+    if (c->builder)
+        relight_builder_take_caustics(c->builder, to);
 }
 
 bool relight_cache_is_settled(const struct relight_cache *c)

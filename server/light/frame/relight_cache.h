@@ -5,6 +5,7 @@
 #include "base/precedence.h"
 #include "light/cache_direct/transport.h"
 #include "light/frame/relight.h"
+#include "light/frame/relight_caustics.h"
 #include "light/frame/relight_indirect.h"
 #include "light/frame/relight_keep.h"
 
@@ -52,6 +53,10 @@ MUST_CHECK enum err relight_cache_narrow(struct relight_cache *c);
 
 /* As relighter_follow. */
 double relight_cache_follow(struct relight_cache *c);
+
+/* As relight_builder_behind and relight_builder_take_caustics. */
+const struct eye_store *const *relight_cache_behind(const struct relight_cache *c);
+void relight_cache_take_caustics(struct relight_cache *c, struct relight_caustics *to);
 
 /* True once there is a finished cache, and frames use no other. */
 bool relight_cache_is_settled(const struct relight_cache *c);

@@ -50,8 +50,8 @@ static uint64_t turn_of(const struct relight_desc *desc)
     return desc->renew ? desc->turn : 0;
 }
 
-static struct caustic_store_desc describe(const struct prepared_scene *set, const struct relight_desc *desc,
-                                          uint32_t classes)
+struct caustic_store_desc relight_caustics_describe(const struct prepared_scene *set, const struct relight_desc *desc,
+                                                    uint32_t classes)
 {
     const uint64_t pixels = (uint64_t)set->view.width * set->view.height;
 
@@ -69,15 +69,26 @@ static struct caustic_store_desc describe(const struct prepared_scene *set, cons
 enum err relight_caustics_begin(struct relight_caustics *c, const struct prepared_scene *set,
                                 const struct relight_desc *desc, uint32_t classes)
 {
-    const struct caustic_store_desc wish = describe(set, desc, classes);
+    const struct caustic_store_desc wish = relight_caustics_describe(set, desc, classes);
 
     return is_for(c, &wish) ? ERR_OK : create(c, set, desc, &wish);
+}
+
+void relight_caustics_adopt(struct relight_caustics *c, struct caustic_store *made,
+                            const struct caustic_store_desc *desc)
+{
+    if (!is_for(c, desc)) {
+        caustic_store_destroy(made);
+        return;
+    }
+    caustic_store_destroy(c->store);
+    c->store = made;
 }
 
 enum err relight_caustics_make(struct relight_caustics *c, const struct prepared_scene *set,
                                const struct relight_desc *desc, uint32_t classes, bool progress, double *ms)
 {
-    const struct caustic_store_desc wish = describe(set, desc, classes);
+    const struct caustic_store_desc wish = relight_caustics_describe(set, desc, classes);
 
     if (is_for(c, &wish) && caustic_store_is_complete(c->store))
         return ERR_OK;
@@ -134,6 +145,13 @@ enum err relight_caustics_grow(struct relight_caustics *c, const struct relight_
     while (!e && s->renewed > 0 && s->filled < s->parts && clock_seconds() - start < seconds);
     stats->stored = *s;
     return e;
+}
+
+bool relight_caustics_is_full(const struct relight_caustics *c)
+{
+    const struct caustic_store_stats *s = caustic_store_stats(c->store);
+
+    return s->filled == s->parts;
 }
 
 bool relight_caustics_serve(const struct relight_caustics *c)
@@ -201,6 +219,6 @@ void relight_caustics_behind(const struct relight_caustics *c, const struct envi
 {
     if (!c->behind) /* cancelled */
         return;
-    eye_store_light(c->behind, e, lo);
+    eye_store_light(c->behind, e, INFINITY, lo);
     stats->stored_behind = *eye_store_stats(c->behind);
 }

@@ -22,9 +22,20 @@ void relight_caustics_finish(struct relight_caustics *c);
 MUST_CHECK enum err relight_caustics_begin(struct relight_caustics *c, const struct prepared_scene *set,
                                            const struct relight_desc *desc, uint32_t classes);
 
+/* What such a store is made of. */
+struct caustic_store_desc relight_caustics_describe(const struct prepared_scene *set, const struct relight_desc *desc,
+                                                    uint32_t classes);
+
+/* Owns `made`, of this description; the store so far is replaced if it is of the same. */
+void relight_caustics_adopt(struct relight_caustics *c, struct caustic_store *made,
+                            const struct caustic_store_desc *desc);
+
 /* For live images: draws missing parts of desc->turn for about `seconds`, at least two parts. ERR_NOMEM. */
 MUST_CHECK enum err relight_caustics_grow(struct relight_caustics *c, const struct relight_desc *desc, double seconds,
                                           struct relight_stats *stats);
+
+/* Whether the store has all its parts, of whichever turns. */
+bool relight_caustics_is_full(const struct relight_caustics *c);
 
 /* True once the store of live images has grown enough to light them better than eye paths. */
 bool relight_caustics_serve(const struct relight_caustics *c);

@@ -38,7 +38,7 @@ static void a_store_lights_each_sky_as_its_own_paths_do(void **state)
             walk(&x, skies[k], 0, classes[c], PATHS, 5);
             memcpy(traced, x.lo, x.size * sizeof(float));
             clear(&x);
-            eye_store_light(s, skies[k], x.lo);
+            eye_store_light(s, skies[k], INFINITY, x.lo);
             for (size_t i = 0; i < x.size; i++) {
                 assert_true(fabsf(x.lo[i] - traced[i]) <= 1e-3f * traced[i]);
                 lit += traced[i] > 0.0f;
@@ -53,6 +53,30 @@ static void a_store_lights_each_sky_as_its_own_paths_do(void **state)
     environment_destroy(skies[1]);
 }
 
+/* Of a texel of twice the level, a quarter is below it (sky_lower); of the others all. */
+static void what_is_above_the_level_is_left_out(void **state)
+{
+    (void)state;
+    struct environment *e = sky_environment(sky_constant(32, 16, 2.0f), 16, 0.0);
+    struct lit x = lit_create(mixed_court(), 24, 20);
+    struct eye_store *s = store_of(&x, CLASSES, 0);
+    float *whole = mem_alloc(x.size, sizeof(float));
+    double sum = 0.0;
+
+    eye_store_light(s, e, 2.5f, whole);
+    clear(&x);
+    eye_store_light(s, e, 1.0f, x.lo);
+    for (size_t i = 0; i < x.size; i++) {
+        assert_float_equal(x.lo[i], 0.25f * whole[i], 1e-4f * whole[i]);
+        sum += x.lo[i];
+    }
+    assert_true(sum > 0.0);
+    mem_free(whole);
+    eye_store_destroy(s);
+    lit_destroy(&x);
+    environment_destroy(e);
+}
+
 static void the_same_seed_gives_the_same_bits_at_any_thread_count(void **state)
 {
     (void)state;
@@ -65,7 +89,7 @@ static void the_same_seed_gives_the_same_bits_at_any_thread_count(void **state)
         omp_set_num_threads(threads);
         struct eye_store *s = store_of(&x, CLASSES, 0);
         clear(&x);
-        eye_store_light(s, e, x.lo);
+        eye_store_light(s, e, INFINITY, x.lo);
         eye_store_destroy(s);
         if (threads == 1)
             memcpy(one, x.lo, x.size * sizeof(float));
@@ -107,6 +131,7 @@ static void cancelled_there_is_no_store(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_store_lights_each_sky_as_its_own_paths_do),
+    cmocka_unit_test(what_is_above_the_level_is_left_out),
     cmocka_unit_test(the_same_seed_gives_the_same_bits_at_any_thread_count),
     cmocka_unit_test(memory_that_does_not_suffice_means_fewer_paths),
     cmocka_unit_test(cancelled_there_is_no_store),

@@ -1,6 +1,7 @@
 /* Caustics of live images (light/frame/beside.h): they wait for nothing, are the light that other images have,
  * improve from image to image, and follow the sky. RING: docs/examples. */
 #include "light/frame/relight_passes.h"
+#include "light/frame/relighter.h"
 #include "light/frame/stage.h"
 #include "measure/compare/metrics.h"
 
@@ -109,6 +110,7 @@ static void they_are_the_light_of_other_images(void **state)
         if (k % 2 == 0) /* for both estimators of this sky */
             converge(&s, &light, want);
         light.caustics = by[k % 2];
+        light.particles = 200000; /* each half in six parts */
         for (light.turn = 0; light.turn < IMAGES; light.turn++)
             run(&s, &light, &stats);
         printf("%s, %s: %+.2f %%, relMSE %.1e\n", k / 2 ? "sun" : "cloud", plan_estimator_name(by[k % 2]),
@@ -290,15 +292,55 @@ static void images_under_a_moving_sky_take_turns(void **state)
     assert_true(stats.light.particles * 10 > all * 9);
     error[2] = error_under(&truth, 40.0, &s, &bright[2]);
     for (int k = 0; k < 3; k++)
-        printf("%s: relMSE %.1e, %+.2f %%\n", k == 0 ? "first" : k == 1 ? "moving" : "after a jump", error[k],
-               100.0 * (bright[k] - 1.0));
+        printf("%s: relMSE %.1e, %+.2f %%\n",
+               k == 0   ? "first"
+               : k == 1 ? "moving"
+                        : "after a jump",
+               error[k], 100.0 * (bright[k] - 1.0));
     assert_float_equal((bright[0] + bright[1] + bright[2]) / 3.0, 1.0, 0.03);
     assert_true(error[1] < 1.5 * error[0] && error[2] < 4.0 * error[0]);
     stage_finish(&s);
     stage_finish(&truth);
 }
 
+/* Once the builder has stored the paths of caustics, images trace none behind glass, and have the same light. Without
+ * the stored paths behind glass they have 0.74 of it. */
+static void the_builder_stores_what_images_trace_before(void **state)
+{
+    struct stage s = ring(sky_overcast(64, 32)), other = ring(sky_overcast(64, 32));
+    struct relight_desc light = caustics, direct = caustics;
+    struct relight_stats stats;
+    float want[VALUES];
+    uint64_t traced = 0;
+    (void)state;
+
+    light.classes = PATH_DIRECT | PATH_CAUSTICS;
+    light.denoise = direct.denoise = direct.remember = false;
+    light.direct.method = direct.direct.method = METHOD_CACHED;
+    direct.classes = PATH_DIRECT;
+    converge(&other, &light, want);
+    run(&other, &direct, &stats);
+    const double without = brightness(other.rgb);
+    light.cache_background = true;
+    while (!relight_cache_behind(&s.relighter->cache) || !relight_caustics_is_full(&s.relighter->caustics)) {
+        run(&s, &light, &stats);
+        traced += stats.eye.paths;
+        light.turn++;
+    }
+    assert_true(traced > 0);
+    for (int k = 0; k < IMAGES; k++) {
+        run(&s, &light, &stats);
+        assert_int_equal(stats.eye.paths, 0);
+    }
+    const double part = (brightness(s.rgb) - without) / (brightness(want) - without);
+    printf("%.3f of the caustics' light\n", part);
+    assert_float_equal(part, 1.0, 0.1);
+    stage_finish(&s);
+    stage_finish(&other);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(the_builder_stores_what_images_trace_before),
     cmocka_unit_test(images_under_a_moving_sky_take_turns),
     cmocka_unit_test(the_store_grows_while_images_are_made),
     cmocka_unit_test(they_are_the_light_of_other_images),
