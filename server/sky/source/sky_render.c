@@ -60,35 +60,69 @@ static void fill_row(const struct sky_state *s, double theta, struct sky_row *ro
     row->twilight[1] = (float)(blue * SKY_TWILIGHT_Y);
 }
 
-/* sky_radiance for the texels of a row, in float. half_sine: of the columns, as in sky_row. */
-static void render_row(const struct sky_row *row, const struct angle_entry table[STEPS + 1], const float *half_sine,
-                       uint32_t width, float *rgb)
+#define TOGETHER 16 /* texels, in loops that the compiler vectorises: without fminf and fmaxf, which are calls */
+
+static inline float least_of(float a, float b)
 {
-    for (uint32_t i = 0; i < width; i++) {
+    return a < b ? a : b;
+}
+
+static inline float most_of(float a, float b)
+{
+    return a > b ? a : b;
+}
+
+/* The tables' luminance, x, y and kept warmth at `count` columns. */
+static void look_up(const struct sky_row *row, const struct angle_entry table[STEPS + 1], const float *half_sine,
+                    uint32_t count, float out[4][TOGETHER])
+{
+    for (uint32_t i = 0; i < count; i++) {
         const float across = row->across[0] + row->across[1] * half_sine[i];
         const float place = sqrtf(across < 1.0f ? across : 1.0f) * STEPS;
         const int step = (int)place;
         const float part = place - (float)step;
         const struct angle_entry *t = &table[step];
-        const float luminance = row->gradation[0] * (t->value[0] + part * t->slope[0]);
-        const float x_fit = row->gradation[1] * (t->value[1] + part * t->slope[1]) + row->twilight[0];
-        const float warm = fmaxf(x_fit - (float)SKY_WHITE_X, 0.0f);
-        const float x = x_fit - warm + warm * (t->value[3] + part * t->slope[3]);
-        const float y_fit = row->gradation[2] * (t->value[2] + part * t->slope[2]) + row->twilight[1];
+        for (int k = 0; k < 4; k++)
+            out[k][i] = t->value[k] + part * t->slope[k];
+    }
+}
+
+/* sky_radiance of TOGETHER texels, in float, from what look_up wrote. */
+static void colour(const struct sky_row *row, const float fit[4][TOGETHER], float out[3][TOGETHER])
+{
+    for (int i = 0; i < TOGETHER; i++) {
+        const float luminance = row->gradation[0] * fit[0][i];
+        const float x_fit = row->gradation[1] * fit[1][i] + row->twilight[0];
+        const float warm = most_of(x_fit - (float)SKY_WHITE_X, 0.0f);
+        const float x = x_fit - warm + warm * fit[3][i];
+        const float y_fit = row->gradation[2] * fit[2][i] + row->twilight[1];
         const float locus = (-3.0f * x + 2.870f) * x - 0.275f; /* sky_locus */
-        const float y = fminf(fmaxf(y_fit, locus - (float)SKY_LOCUS_BELOW), locus + (float)SKY_LOCUS_ABOVE);
+        const float y = least_of(most_of(y_fit, locus - (float)SKY_LOCUS_BELOW), locus + (float)SKY_LOCUS_ABOVE);
         const float sum = luminance / y, cx = x * sum, cz = sum - cx - luminance;
-        float r = 3.2404542f * cx - 1.5371385f * luminance - 0.4985314f * cz; /* sky_rgb_from_xyy */
-        float g = -0.9692660f * cx + 1.8760108f * luminance + 0.0415560f * cz;
-        float b = 0.0556434f * cx - 0.2040259f * luminance + 1.0572252f * cz;
-        const float least = fminf(fminf(r, g), b);
-        const float keep = least < 0.0f ? luminance / (luminance - least) : 1.0f;
-        r = fmaxf(luminance + keep * (r - luminance), 0.0f);
-        g = fmaxf(luminance + keep * (g - luminance), 0.0f);
-        b = fmaxf(luminance + keep * (b - luminance), 0.0f);
-        rgb[3 * i] = r + row->night[0];
-        rgb[3 * i + 1] = g + row->night[1];
-        rgb[3 * i + 2] = b + row->night[2];
+        const float r = 3.2404542f * cx - 1.5371385f * luminance - 0.4985314f * cz; /* sky_rgb_from_xyy */
+        const float g = -0.9692660f * cx + 1.8760108f * luminance + 0.0415560f * cz;
+        const float b = 0.0556434f * cx - 0.2040259f * luminance + 1.0572252f * cz;
+        const float below = least_of(least_of(least_of(r, g), b), 0.0f);
+        const float keep = luminance / (luminance - below);
+        out[0][i] = most_of(luminance + (below < 0.0f ? keep : 1.0f) * (r - luminance), 0.0f) + row->night[0];
+        out[1][i] = most_of(luminance + (below < 0.0f ? keep : 1.0f) * (g - luminance), 0.0f) + row->night[1];
+        out[2][i] = most_of(luminance + (below < 0.0f ? keep : 1.0f) * (b - luminance), 0.0f) + row->night[2];
+    }
+}
+
+/* half_sine: of the columns, as in sky_row. */
+static void render_row(const struct sky_row *row, const struct angle_entry table[STEPS + 1], const float *half_sine,
+                       uint32_t width, float *rgb)
+{
+    float fit[4][TOGETHER] = { { 0.0f } }, out[3][TOGETHER];
+
+    for (uint32_t first = 0; first < width; first += TOGETHER) {
+        const uint32_t count = width - first < TOGETHER ? width - first : TOGETHER;
+        look_up(row, table, half_sine + first, count, fit);
+        colour(row, (const float(*)[TOGETHER])fit, out);
+        for (uint32_t i = 0; i < count; i++)
+            for (int c = 0; c < 3; c++)
+                rgb[3 * (size_t)(first + i) + (size_t)c] = out[c][i];
     }
 }
 
