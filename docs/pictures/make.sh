@@ -19,6 +19,15 @@ trap 'rm -rf "$parts"' EXIT
 # Keyframes only (Debian's package webp; -kmax 1): coded as differences, blocks that change slowly would never be updated.
 img2webp -loop 0 -kmax 1 -lossy -q 76 -m 6 -d 83 "$parts"/day.*.png -o "$here/day.webp"
 
+# Three images of a film of 240 of the court at noon, 15 s of sky each, four times as large.
+"$bin/relight-render" --method cached --source sky:hour=12,speed=0.25 --frames 0-239 --exposure 0 --size 640x360 \
+    --out "$parts/film.%03d.png"
+for frame in 000 120 239; do
+    ffmpeg -v error -i "$parts/film.$frame.png" -vf 'crop=150:110:90:150,scale=600:440:flags=neighbor' "$parts/part.$frame.png"
+done
+ffmpeg -v error -y -i "$parts/part.000.png" -i "$parts/part.120.png" -i "$parts/part.239.png" -filter_complex hstack=3 -q:v 4 \
+    "$here/film.jpg"
+
 # The house, as README renders it.
 python3 "$here/../examples/house.py" "$parts"
 "$bin/relight-render" --scene "$parts/house.glb" --source sky:date=05-10,time=10:00,latitude=48 --denoise --size 1280x720 \

@@ -7,10 +7,10 @@
  *
  *     x(point) = sum over its pixels (w S / W) / sum over its pixels (w),   W = sum of w over the pixel's such points
  *
- * This light takes most of an image's time. So under a moving sky each image takes one slice of it in turn: half of the
- * stored paths, half of the samples, in parts where eye paths are many, or the filter. What is shown moves to a round's
- * light during the next round, and is a round and a quarter old on average, six or seven images if there are few eye
- * paths. A sky unlike the last image's, and a still one, get all slices at once.
+ * This light would take most of an image's time. So under a moving sky each image takes one slice of it in turn: half
+ * of the stored paths, a part of half of the samples, or the filter. What is shown moves to a round's light during the
+ * next round, and is a round and a quarter old on average: six images or more. A sky unlike the last image's, and a
+ * still one, get all slices at once.
  *
  * Splats on pixels without such a point are added to the image unfiltered, as the mean of the images under one sky.
  * With a ground (backplate.h), splats on it go to points of the ground, and the others to other points. Stored paths
