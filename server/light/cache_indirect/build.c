@@ -8,7 +8,7 @@
 
 /* The effort of the quick cache takes a seventh of the time. Its 24 rays, smoothed over three blocks, have the noise of
  * 1500 rays of one point. It has many records with few rays each: what counts is which surfaces the sun reaches. */
-static const struct indirect_effort full = { 64, 0, 1536, 512, 512, INDIRECT_BASIS_MAX, INDIRECT_GROUP, 4, 8 };
+static const struct indirect_effort full = { 256, 0, 1536, 512, 512, INDIRECT_BASIS_MAX, INDIRECT_GROUP, 4, 8 };
 static const struct indirect_effort quick = { 8, 8000, 256, 64, 256, 32, 1, PACKET, 2 };
 
 #define GATHER_MOST 4096u /* bounds buffers: rays of a point */

@@ -18,7 +18,8 @@
 #define TOLERANCE 0.035 /* of a block's compression, relative; see docs/internals/transport-cache.md */
 #define FLOOR 0.03f     /* share of a block's mean light; darker points are weighted as if they had this much */
 #define BATCH 32u       /* groups */
-#define FIRST_SHARE 4u  /* of a matte point's rays, one in so many is traced where enough points are alike, */
+#define MATTE_SHARE 16u /* of a point's rays one in so many is traced where enough points are alike, if it is matte, */
+#define LOBE_SHARE 4u   /* or if it has a lobe: only its matte part is averaged with theirs */
 #define FIRST_LEAST 12u /* if these are as many */
 #define ENOUGH 64.0f    /* points alike */
 
@@ -273,12 +274,12 @@ static void fill_scales(const struct indirect_build *b, const struct bench *w, c
             scale[r][p] = mean > 0.0f ? fmaxf(scale[r][p] / fmaxf(whole[p], FLOOR * mean), 1e-3f) : 1.0f;
 }
 
-/* The rays that every point of a block traces: a matte one's first FIRST_SHARE. */
+/* The rays that every point of a block traces. */
 static uint32_t first_rays(const struct indirect_build *b, const struct indirect_block *block)
 {
-    const uint32_t few = b->gather / FIRST_SHARE;
+    const uint32_t few = b->gather / (block->rows == 1 ? MATTE_SHARE : LOBE_SHARE);
 
-    return block->rows == 1 && few >= FIRST_LEAST ? few : b->gather;
+    return few >= FIRST_LEAST ? few : b->gather;
 }
 
 static void gather_turn(const struct indirect_build *b, struct bench *w, const struct indirect_block *block,
@@ -325,7 +326,7 @@ static void gather_block(const struct indirect_build *b, struct bench *w, const 
  * trace the rest of their rays; the others' first rays count for all. */
 static void gather_rest(const struct indirect_build *b, struct bench *w, const struct indirect_group *g)
 {
-    const size_t wide = 3 * (size_t)b->b->basis.count;
+    const size_t wide = 3 * (size_t)b->b->basis.count, stride = INDIRECT_GROUP_POINTS * wide;
     const uint32_t points = g->count * TRANSPORT_POINTS, reach = b->effort->reach;
 
     for (uint32_t at = 0; at < points; at++)
@@ -336,8 +337,10 @@ static void gather_rest(const struct indirect_build *b, struct bench *w, const s
         if (!w->smoother->used[at] || few == b->gather)
             continue;
         if (w->enough[at]) {
-            cblas_sscal((int)wide, (float)b->gather / (float)few, w->matrix + at * wide, 1);
-            w->open[at][0] *= (float)b->gather / (float)few;
+            for (uint32_t r = 0; r < block->rows; r++) {
+                cblas_sscal((int)wide, (float)b->gather / (float)few, w->matrix + r * stride + at * wide, 1);
+                w->open[at][r] *= (float)b->gather / (float)few;
+            }
         } else {
             gather_turn(b, w, block, at, few, b->gather);
         }

@@ -396,13 +396,13 @@ static void points_alike_are_those_near_that_face_the_same_way(void **state)
     indirect_smoother_destroy(s);
 }
 
-/* Points of large plain surfaces trace a quarter of their rays. */
+/* Points of large plain surfaces trace a sixteenth of their rays, or with a lobe a quarter. */
 static void points_among_their_like_trace_fewer_rays(void **state)
 {
     struct lit x = lit_create(mixed_court(), 96, 54);
     struct transport *t = direct_of(&x);
     struct indirect_desc desc = desc_of(&x, t, 5);
-    static const uint32_t gather[3] = { 20, 40, 512 }; /* a quarter of the first two would be too few */
+    static const uint32_t gather[3] = { 20, 40, 512 }; /* such parts of the first two would be too few */
     double rays[3];
     struct indirect_cache *b;
     struct reason why;
