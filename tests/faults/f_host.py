@@ -199,13 +199,15 @@ async def F92_connections_that_come_and_go(folder):
 
         await some(count // 4)  # buffers for reuse are allocated
         await asyncio.sleep(0.5)
-        descriptors, memory, begun = server.descriptors(), server.memory_kib(), time.monotonic()
-        await some(count)
-        took = time.monotonic() - begun
-        await until(lambda: server.descriptors() <= descriptors, f"{server.descriptors()} descriptors, {descriptors} before")
-        grown = server.memory_kib() - memory
-        # A busy machine may use a further sky's memory (5 MB) for the first time; that is no leak.
-        check(grown < KEPT * (12288 + count // 10), f"{grown} KiB more memory")
+        for _ in range(3):  # a leak grows each time; the memory of further skies (5 MB each) and of a cache does not
+            descriptors, memory, begun = server.descriptors(), server.memory_kib(), time.monotonic()
+            await some(count)
+            took = time.monotonic() - begun
+            await until(lambda: server.descriptors() <= descriptors, f"{server.descriptors()} descriptors, {descriptors} before")
+            grown = server.memory_kib() - memory
+            if grown < KEPT * (8192 + count // 10):
+                break
+        check(grown < KEPT * (8192 + count // 10), f"{grown} KiB more memory")
         await viewer.sees(2)
         check(not viewer.parted, f"closed with {viewer.parted}")
         return f"{count} connections, {count / took:.0f} a second: {grown:+d} KiB, no descriptor more"
