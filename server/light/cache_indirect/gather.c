@@ -18,10 +18,10 @@
 #define TOLERANCE 0.035 /* of a block's compression, relative; see docs/internals/transport-cache.md */
 #define FLOOR 0.03f     /* share of a block's mean light; darker points are weighted as if they had this much */
 #define BATCH 32u       /* groups */
-#define MATTE_SHARE 16u /* of a point's rays one in so many is traced where enough points are alike, if it is matte, */
+#define MATTE_SHARE 16u /* of a point's rays one in so many is traced where many points are alike, if it is matte, */
 #define LOBE_SHARE 4u   /* or if it has a lobe: only its matte part is averaged with theirs */
 #define FIRST_LEAST 12u /* if these are as many */
-#define ENOUGH 64.0f    /* points alike */
+#define TOGETHER 8.0f   /* times a point's most rays: those of all points whose light is averaged with its own */
 
 /* A shade point with its BRDF, whose parts are rows (light/cache_direct/internal.h). */
 struct point {
@@ -237,7 +237,7 @@ struct bench { /* per thread */
     float *smooth;                                     /* [INDIRECT_GROUP_POINTS][3 K]: the matte row, smoothed */
     float open[INDIRECT_GROUP_POINTS][TRANSPORT_ROWS]; /* direct light of a sky of radiance 1 */
     double near[INDIRECT_GROUP_POINTS];                /* sum of one over the distance of hits, m^-1 */
-    bool enough[INDIRECT_GROUP_POINTS];                /* points alike for few rays */
+    uint32_t rays[INDIRECT_GROUP_POINTS];              /* of each kind, that a point traces */
     struct indirect_smoother *smoother;
     struct indirect_workspace *workspace;
 };
@@ -322,27 +322,36 @@ static void gather_block(const struct indirect_build *b, struct bench *w, const 
     }
 }
 
-/* The noise of a point's light is that of all points whose light is averaged with its own. Points with few such points
- * trace the rest of their rays; the others' first rays count for all. */
+/* The rays that a point needs if so many points are alike, itself included. */
+static uint32_t rays_among(const struct indirect_build *b, uint32_t first, float alike)
+{
+    const float wanted = TOGETHER * (float)b->gather / fmaxf(alike, 1.0f);
+
+    return wanted > (float)b->gather ? b->gather : wanted > (float)first ? (uint32_t)wanted : first;
+}
+
+/* The noise of a point's light is that of all points whose light is averaged with its own: those with few such points
+ * trace more rays. Its first ones count for all. */
 static void gather_rest(const struct indirect_build *b, struct bench *w, const struct indirect_group *g)
 {
     const size_t wide = 3 * (size_t)b->b->basis.count, stride = INDIRECT_GROUP_POINTS * wide;
     const uint32_t points = g->count * TRANSPORT_POINTS, reach = b->effort->reach;
 
     for (uint32_t at = 0; at < points; at++)
-        w->enough[at] = w->smoother->used[at] && indirect_alike(w->smoother, g->count, reach, at) >= ENOUGH;
+        if (w->smoother->used[at])
+            w->rays[at] = rays_among(b, first_rays(b, &b->b->blocks[g->first + at / TRANSPORT_POINTS]),
+                                     indirect_alike(w->smoother, g->count, reach, at));
     for (uint32_t at = 0; at < points; at++) {
         const struct indirect_block *block = &b->b->blocks[g->first + at / TRANSPORT_POINTS];
         const uint32_t few = first_rays(b, block);
-        if (!w->smoother->used[at] || few == b->gather)
+        if (!w->smoother->used[at])
             continue;
-        if (w->enough[at]) {
-            for (uint32_t r = 0; r < block->rows; r++) {
-                cblas_sscal((int)wide, (float)b->gather / (float)few, w->matrix + r * stride + at * wide, 1);
-                w->open[at][r] *= (float)b->gather / (float)few;
-            }
-        } else {
-            gather_turn(b, w, block, at, few, b->gather);
+        if (w->rays[at] > few)
+            gather_turn(b, w, block, at, few, w->rays[at]);
+        const float scale = (float)b->gather / (float)w->rays[at];
+        for (uint32_t r = 0; r < block->rows && w->rays[at] < b->gather; r++) {
+            cblas_sscal((int)wide, scale, w->matrix + r * stride + at * wide, 1);
+            w->open[at][r] *= scale;
         }
     }
 }
