@@ -54,7 +54,8 @@ struct beside {
     struct light_tracer_desc light[3];     /* particles 0: none; the last: of the sun, beside stored paths */
     struct eye_paths_desc unserved;        /* indirect light that the cache leaves to eye paths; paths 0: none */
     uint64_t wanted;                       /* its key */
-    const struct eye_store *const *behind; /* its two halves of stored eye paths; NULL: none */
+    bool stored_behind;                    /* stored eye paths light points behind mirrors and glass: */
+    const struct eye_store *const *behind; /* its two halves of them; NULL: none */
     bool glides;                           /* nothing is sampled */
     bool still, slow;                      /* its sky is the last one's; its light may glide under that */
     const atomic_bool *cancel;             /* may be NULL */
@@ -200,8 +201,7 @@ static void take_particles(struct beside *b, struct frame_plan *plan)
 }
 
 void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
-                     const struct relight_stats *stats, const struct eye_store *const *behind, bool glides,
-                     struct frame_plan *plan)
+                     const struct relight_stats *stats, bool stored_behind, bool glides, struct frame_plan *plan)
 {
     const struct plan *p = &stats->plan;
 
@@ -216,9 +216,9 @@ void beside_describe(struct beside *b, const struct environment *e, const struct
     frame_plan_drop(plan, PASS_STORED);
     take_particles(b, plan);
     take_left(b, plan);
-    b->behind = p->caustics == PLAN_STORED ? behind : NULL;
-    b->wanted |= (uint64_t)(b->unserved.paths > 0) << 63 | (uint64_t)(b->behind != NULL) << 62;
-    const struct eye_paths_desc eye = take_eye_paths(e, b->behind != NULL, plan);
+    b->stored_behind = p->caustics == PLAN_STORED && stored_behind;
+    b->wanted |= (uint64_t)(b->unserved.paths > 0) << 63 | (uint64_t)b->stored_behind << 62;
+    const struct eye_paths_desc eye = take_eye_paths(e, b->stored_behind, plan);
     frame_plan_add(plan, PASS_BESIDE, PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC)->eye = eye;
     frame_plan_add(plan, PASS_REST, 0);
 }
@@ -406,8 +406,10 @@ static void add_shown(const struct beside *b, float *lo)
 }
 
 enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics, const struct environment *e,
-                    const struct eye_paths_desc *eye, struct relight_stats *stats)
+                    const struct eye_paths_desc *eye, const struct eye_store *const *behind,
+                    struct relight_stats *stats)
 {
+    b->behind = b->stored_behind ? behind : NULL;
     if (!stats->bias && b->behind)
         stats->bias = "caustics behind mirrors and glass: without those of the sun";
     else if (!stats->bias && eye->paths > 0)

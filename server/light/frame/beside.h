@@ -35,17 +35,17 @@ bool beside_wanted(const struct prepared_scene *set, const struct relight_desc *
 
 /* Begins an image under e of which stats->plan and stats->still are known; glides: nothing will be sampled. Takes from
  * its passes stored paths, particles, caustics by eye paths, and everything but indirect light behind mirrors and
- * glass, by the two halves of `behind`, which must outlive the image, or if that is NULL by eye paths with a limit for
- * the contribution of each; adds PASS_BESIDE and PASS_REST. */
+ * glass, by stored eye paths, or if stored_behind is false by others with a limit for the contribution of each; adds
+ * PASS_BESIDE and PASS_REST. */
 void beside_describe(struct beside *b, const struct environment *e, const struct relight_desc *desc,
-                     const struct relight_stats *stats, const struct eye_store *const *behind, bool glides,
-                     struct frame_plan *plan);
+                     const struct relight_stats *stats, bool stored_behind, bool glides, struct frame_plan *plan);
 
 /* Adds the image's light to s->lo: stored paths, whose number grows by it, particles, and the eye paths of PASS_BESIDE.
- * Adds to *stats. eye->only: the packets, all of them. ERR_NOMEM. */
+ * Adds to *stats. eye->only: the packets, all of them. behind: two halves of stored eye paths; NULL if the cache was
+ * refused meanwhile: this image lacks them. ERR_NOMEM. */
 MUST_CHECK enum err beside_run(struct beside *b, struct passes *s, struct relight_caustics *caustics,
                                const struct environment *e, const struct eye_paths_desc *eye,
-                               struct relight_stats *stats);
+                               const struct eye_store *const *behind, struct relight_stats *stats);
 
 /* Adds to rgb, float[height][width][3], the splats on pixels without a directly visible shade point. ground: the
  * scene's, or NULL. ERR_NOMEM. */

@@ -148,7 +148,7 @@ static enum err add_beside(struct relighter *r, const struct environment *e, con
         r->beside = beside_create(r->set, r->denoiser);
     if (!r->beside)
         return ERR_NOMEM;
-    beside_describe(r->beside, e, desc, stats, relight_cache_behind(&r->cache), glides, plan);
+    beside_describe(r->beside, e, desc, stats, relight_cache_behind(&r->cache) != NULL, glides, plan);
     const uint32_t later = relight_plan_later(desc, &stats->plan);
     const enum err result = later ? relight_caustics_begin(&r->caustics, r->set, desc, later) : ERR_OK;
     if (!result)

@@ -323,7 +323,8 @@ static enum err run_beside(struct frame_run *f, struct pass *s)
     const struct packet_list all = { f->r->packets, f->r->set->gbuffer->packet_count };
     struct eye_paths_desc eye = s->eye;
     eye.only = &all;
-    return beside_run(f->r->beside, &f->r->passes, &f->r->caustics, f->e, &eye, f->stats);
+    return beside_run(f->r->beside, &f->r->passes, &f->r->caustics, f->e, &eye, relight_cache_behind(&f->r->cache),
+                      f->stats);
 }
 
 static enum err run_resolve(struct frame_run *f, struct pass *s)

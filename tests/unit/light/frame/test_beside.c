@@ -335,6 +335,13 @@ static void the_builder_stores_what_images_trace_before(void **state)
     const double part = (brightness(s.rgb) - without) / (brightness(want) - without);
     printf("%.3f of the caustics' light\n", part);
     assert_float_equal(part, 1.0, 0.1);
+    /* the cache may be refused, and its paths freed, while an image is made: that image lacks them */
+    struct frame_plan plan;
+    assert_int_equal(relighter_describe(s.relighter, s.sky, &light, &plan, &stats), ERR_OK);
+    relight_cache_finish(&s.relighter->cache);
+    s.relighter->cache.refused = true;
+    assert_int_equal(relighter_run_plan(s.relighter, s.sky, &plan, s.rgb, &stats), ERR_OK);
+    assert_null(relight_cache_behind(&s.relighter->cache));
     stage_finish(&s);
     stage_finish(&other);
 }
