@@ -3,9 +3,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "clients/common/address.h"
 #include "clients/common/message.h"
-#include "clients/common/retry.h"
 #include "protocol/relight_protocol.h"
 
 #include <assert.h>

@@ -1,4 +1,4 @@
-#include "clients/common/retry.h"
+#include "clients/common/connection.h"
 
 #include <stddef.h>
 

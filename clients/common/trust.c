@@ -1,4 +1,4 @@
-#include "clients/common/address.h"
+#include "clients/common/connection.h"
 
 #include <errno.h>
 #include <stdio.h>

@@ -1,9 +1,9 @@
 #include "clients/feed/reader.h"
 
-#include "base/file_pattern.h"
+#include "base/file_store.h"
 #include "base/log.h"
 #include "clients/common/client.h"
-#include "image/codec/exr_write.h"
+#include "image/codec/encode.h"
 
 #include <inttypes.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-#include "clients/feed/parcel.h"
+#include "clients/feed/reader.h"
 
 #include "base/half.h"
 #include "base/mem.h"

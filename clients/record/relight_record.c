@@ -2,7 +2,6 @@
  * one per environment frame. An image is acknowledged once it is safely on disk. Everything runs on one thread: while
  * an image is being stored, the server holds back the one after the next. */
 #include "base/clock.h"
-#include "base/file_pattern.h"
 #include "base/file_store.h"
 #include "base/log.h"
 #include "base/progress.h"

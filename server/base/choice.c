@@ -1,4 +1,4 @@
-#include "base/choice.h"
+#include "base/setting.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -1,6 +1,6 @@
 /* Shell completions from the table of flags: names, files, folders, and the words that a choice takes. */
-#include "base/choice.h"
 #include "base/command.h"
+#include "base/setting.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-#include "base/file_pattern.h"
+#include "base/file_store.h"
 
 #include <inttypes.h>
 #include <stdio.h>

@@ -3,7 +3,7 @@
  * outside, are written as '?'. */
 #pragma once
 
-#include "base/choice.h"
+#include "base/setting.h"
 
 #include <stdbool.h>
 #include <stdint.h>

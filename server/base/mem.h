@@ -36,3 +36,53 @@ void mem_free(void *p); /* also of malloc, as the texts that libraries make are;
 /* Returns free memory of all allocator arenas to the system. May take some milliseconds; call it after a change of
  * working-set size. */
 void mem_trim(void);
+
+/* ---- Temporary memory ---- */
+
+/* An arena for the temporary memory that a library needs to read or write one file. It serves allocations from one
+ * block that is kept for the next file, so that after a few similar files nothing comes from the system. The block
+ * grows to twice the peak use of a file, at most SCRATCH_MAX; what does not fit comes from mem_alloc. Thread: one at a
+ * time. */
+
+#define SCRATCH_MAX ((size_t)32 << 20) /* bytes kept between files */
+
+struct scratch;
+
+struct scratch *scratch_create(void);    /* NULL when out of memory */
+void scratch_destroy(struct scratch *s); /* NULL is allowed */
+
+/* Begins a file: frees the previous file's pieces (up to 256) and enlarges the block if it was too small. */
+void scratch_begin(struct scratch *s); /* NULL is allowed */
+
+/* As mem_alloc(bytes, 1) and mem_free; exactly these if s is NULL. */
+void *scratch_alloc(struct scratch *s, size_t bytes);
+void scratch_free(struct scratch *s, void *p); /* p may be NULL */
+
+/* ---- Buffers that are reused ---- */
+
+/* Decides when to free a buffer that is reused from frame to frame: it compares the buffer's size with what the last
+ * RECENT_FRAMES frames needed, so that one large frame does not pin its memory. Thread: that of the buffer's owner. */
+
+#define RECENT_FRAMES 8
+#define RECENT_KEPT ((size_t)16 << 20) /* bytes; smaller buffers are always kept */
+
+struct recent { /* zeroed: no frame yet */
+    size_t bytes[RECENT_FRAMES];
+    unsigned next;
+};
+
+static inline void recent_add(struct recent *r, size_t bytes)
+{
+    r->bytes[r->next] = bytes;
+    r->next = (r->next + 1) % RECENT_FRAMES;
+}
+
+/* Whether a buffer is more than four times as large as any recent frame needed. */
+static inline bool recent_is_outgrown(const struct recent *r, size_t bytes)
+{
+    bool outgrown = bytes > RECENT_KEPT;
+
+    for (int i = 0; i < RECENT_FRAMES; i++)
+        outgrown = outgrown && bytes / 4 > r->bytes[i];
+    return outgrown;
+}

@@ -1,4 +1,4 @@
-#include "base/notify.h"
+#include "base/process.h"
 
 #include <errno.h>
 #include <stdarg.h>

@@ -1,5 +1,3 @@
-#include "base/scratch.h"
-
 #include "base/mem.h"
 
 #include <stdbool.h>

@@ -1,4 +1,4 @@
-#include "base/threads.h"
+#include "base/process.h"
 
 #include "base/mem.h"
 

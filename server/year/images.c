@@ -2,9 +2,7 @@
 
 #include "base/file_store.h"
 #include "base/mem.h"
-#include "image/codec/hdr_write.h"
-#include "image/codec/jpeg.h"
-#include "image/film/false_colour.h"
+#include "image/codec/encode.h"
 #include "image/film/film.h"
 #include "light/radiance/components.h"
 

@@ -3,10 +3,10 @@
 #include "harness.h"
 
 #include "base/mem.h"
+#include "import/decoder/internal.h"
 #include "import/decoder/serve.h"
-#include "import/decoder/wire.h"
 #include "import/demux/demux.h"
-#include "import/demux/read.h"
+#include "import/demux/internal.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 /* shrink FROM.exr N TO.exr: each pixel is the mean of N by N. */
 #include "base/mem.h"
 #include "image/codec/decode.h"
-#include "image/codec/exr_write.h"
+#include "image/codec/encode.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 #include "image/codec/decode.h"
 
-#include "base/scratch.h"
+#include "base/mem.h"
 #include "image/codec/colour.h"
 #include "image/codec/exr_dwa.h"
 #include "image/codec/exr_file.h"

@@ -1,6 +1,6 @@
 #include "image/codec/decode.h"
 
-#include "base/scratch.h"
+#include "base/mem.h"
 #include "image/codec/colour.h"
 
 #include <math.h>

@@ -1,4 +1,4 @@
-#include "image/codec/exr_write.h"
+#include "image/codec/encode.h"
 
 #include "base/file_store.h"
 #include "base/half.h"

@@ -4,7 +4,7 @@
 #pragma once
 
 #include "base/err.h"
-#include "base/scratch.h"
+#include "base/mem.h"
 
 #include <stddef.h>
 #include <stdint.h>

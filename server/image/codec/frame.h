@@ -1,10 +1,10 @@
 /* One environment frame on its way from a source to env: either the bytes of a file, not yet decoded, or the texels of
  * a computed sky. The frame owns its buffers and is reused; frame_reserve_* keep the larger buffer until it has been
- * far too large for several frames (base/recent.h). Thread: one at a time. */
+ * far too large for several frames (base/mem.h). Thread: one at a time. */
 #pragma once
 
 #include "base/err.h"
-#include "base/recent.h"
+#include "base/mem.h"
 
 #include <stddef.h>
 #include <stdint.h>

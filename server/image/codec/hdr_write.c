@@ -1,4 +1,4 @@
-#include "image/codec/hdr_write.h"
+#include "image/codec/encode.h"
 
 #include "base/file_store.h"
 #include "base/mem.h"

@@ -2,7 +2,6 @@
 
 #include "base/log.h"
 #include "base/mem.h"
-#include "base/scratch.h"
 #include "image/codec/exr_zip.h"
 
 #include <inttypes.h>

@@ -3,8 +3,8 @@
  * Thread: one at a time, unless a function says otherwise. */
 #pragma once
 
-#include "base/choice.h"
-#include "base/recent.h"
+#include "base/mem.h"
+#include "base/setting.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -49,7 +49,7 @@ struct image {
     bool low_range;          /* of an image that ends at white, such as a JPEG */
     const char *layer;       /* of an EXR with several; NULL or "": by meaning (decode.h); set by the owner, borrowed */
     char note[320];          /* what decoding chose, or left out of what the file says; "": nothing. Printable. */
-    struct scratch *scratch; /* memory that decoders reuse (base/scratch.h); NULL until used */
+    struct scratch *scratch; /* memory that decoders reuse (base/mem.h); NULL until used */
     struct libdeflate_decompressor *inflater; /* likewise (exr_zip.h) */
     struct recent recent;                     /* recent sizes in bytes, updated by image_trim */
 };
@@ -61,7 +61,7 @@ MUST_CHECK enum err image_check_size(const struct image *im, uint64_t width, uin
 /* Allocates texels, undefined, and clears layout and faults. ERR_RANGE: a side of 0, or as image_check_size. ERR_NOMEM.
  * On failure the image is unchanged or empty. */
 MUST_CHECK enum err image_resize(struct image *im, uint32_t width, uint32_t height);
-/* Call once per image: frees memory that only much larger, earlier images needed (base/recent.h). Moves the texels. rgb
+/* Call once per image: frees memory that only much larger, earlier images needed (base/mem.h). Moves the texels. rgb
  * must come from mem_alloc. */
 void image_trim(struct image *im);
 void image_finish(struct image *im); /* frees everything; NULL and zeroed memory are allowed */

@@ -1,7 +1,6 @@
-#include "image/codec/jpeg.h"
+#include "image/codec/encode.h"
 
 #include "base/mem.h"
-#include "base/scratch.h"
 
 #include <assert.h>
 #include <setjmp.h>

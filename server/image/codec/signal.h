@@ -3,8 +3,8 @@
  * is only read. */
 #pragma once
 
-#include "base/choice.h"
 #include "base/err.h"
+#include "base/setting.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -60,3 +60,35 @@ MUST_CHECK enum err signal_prepare(const struct signal_desc *d, const char *name
 /* Converts `count` texels: a, b and c are code values (Y', Cb, Cr or R', G', B') as floats; rgb is linear Rec.709 in
  * cd/m^2, [count][3]. Colours outside of Rec.709 have negative components. */
 void signal_row(const struct signal *s, const float *a, const float *b, const float *c, size_t count, float *rgb);
+
+/* ---- Formats of streams ---- */
+
+/* The video format that a container or network protocol declares, passed from the process that demultiplexes (demux)
+ * to the one that decodes (decoder). Untrusted. Any thread. */
+
+/* Two eyes in one image; the left one is used. */
+enum stream_stereo {
+    STEREO_NONE,
+    STEREO_TOP,    /* the left eye is the upper half, */
+    STEREO_BOTTOM, /* the lower, */
+    STEREO_LEFT,   /* the left, */
+    STEREO_RIGHT,  /* the right */
+};
+
+struct stream_format {
+    /* Numbers of libavcodec, which both processes link; this program only passes them on. */
+    int32_t codec, tag, pixel_format, profile, level, coded_bits;
+    int32_t range, chroma_location;
+    uint8_t primaries, transfer, matrix; /* ITU-R H.273 code points; 2: not stated */
+    uint8_t layout;                      /* enum layout, from spherical metadata; LAYOUT_AUTO: none */
+    uint8_t orientation;                 /* as Exif's, of the display matrix; 0: none */
+    uint8_t stereo;                      /* enum stream_stereo */
+    float aspect;                        /* of a pixel, width per height; 0: unknown */
+    uint32_t width, height;              /* texels; 0: not stated */
+    double rate;                         /* frames per second; 0: unknown. Finite and not negative. */
+    uint64_t frames;                     /* 0: unknown */
+    int64_t duration_us, start_us;       /* 0: unknown; the first time stamp */
+    int64_t realtime_us;                 /* wall-clock time of time stamp 0, microseconds since 1970; 0: unknown */
+    char codec_name[32];                 /* printable ASCII, for messages */
+    char note[320];                      /* what of the metadata was left out; "": nothing */
+};

@@ -1,4 +1,4 @@
-#include "image/film/false_colour.h"
+#include "image/film/film.h"
 
 #include <math.h>
 #include <string.h>

@@ -2,7 +2,7 @@
  * radiance, top row first. Thread: any, one per struct exposure. The caller owns all arrays. */
 #pragma once
 
-#include "base/choice.h"
+#include "base/setting.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -11,7 +11,7 @@ enum tone_curve {
     TONE_FILMIC,       /* with toe and shoulder; the default */
     TONE_REINHARD,     /* x (1 + x / white^2) / (1 + x) on luminance [Reinhard 2002, Eq. 4] */
     TONE_LINEAR,       /* clamped at 1 */
-    TONE_FALSE_COLOUR, /* no curve: luminance as a colour, of the scale of false_colour.h */
+    TONE_FALSE_COLOUR, /* no curve: luminance as a colour, of the scale below */
     TONE_PQ, /* none: absolute luminance for HDR screens; by tone_map_pq alone, the functions below clamp at 1 */
 };
 
@@ -83,3 +83,29 @@ double tone_pq(double luminance);
 /* Applies gain, primaries of Rec.2020 and PQ and writes uint16_t[height][width][3], of which 65535 is a signal of 1.
  * NaN and negative light become 0. Uses all OpenMP threads. */
 void tone_map_pq(const float *rgb, uint32_t width, uint32_t height, double gain, uint16_t *out);
+
+/* ---- False colour ---- */
+
+/* False colour: luminance as a colour from dark blue over green and yellow to red, ever brighter up to yellow. Thread:
+ * any. */
+
+/* The colour (8-bit sRGB) of a share 0..1, clamped; NaN is grey. */
+void false_colour(double share, uint8_t rgb[3]);
+
+/* The scale of TONE_FALSE_COLOUR: exposed luminance from LEAST to MOST, logarithmic. */
+#define FALSE_COLOUR_LEAST 0.01
+#define FALSE_COLOUR_MOST 10.0
+
+/* The place on that scale, 0..1; NaN counts as 0. */
+double false_colour_share(double exposed);
+
+/* ---- Size ---- */
+
+/* Scales a linear image down: each new pixel is the mean of the area that it covers, so that fine bright detail keeps
+ * its energy. Images are float[height][width][3], top row first. Thread: any. */
+
+/* The height that keeps the aspect ratio at a width of at most the image's; at least 1. */
+uint32_t scale_height(uint32_t width, uint32_t height, uint32_t to_width);
+
+/* Finite values. The caller owns the arrays. to_width and to_height are 1 to width and height. */
+void scale_linear(const float *from, uint32_t width, uint32_t height, float *to, uint32_t to_width, uint32_t to_height);

@@ -1,4 +1,4 @@
-#include "image/film/scale.h"
+#include "image/film/film.h"
 
 #include <stddef.h>
 #include <string.h>

@@ -2,7 +2,6 @@
 
 #include "base/luminance.h"
 #include "base/vec.h"
-#include "image/film/false_colour.h"
 #include "image/film/tone_kernel.h"
 
 #include <math.h>

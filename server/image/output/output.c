@@ -1,11 +1,9 @@
 #include "image/output/output.h"
 
-#include "base/file_pattern.h"
 #include "base/file_store.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "image/codec/exr_write.h"
-#include "image/codec/jpeg.h"
+#include "image/codec/encode.h"
 #include "image/video/movie.h"
 
 #include <dirent.h>

@@ -1,4 +1,4 @@
-#include "image/video/annexb.h"
+#include "image/video/h264.h"
 
 #include <stdbool.h>
 

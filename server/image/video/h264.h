@@ -43,3 +43,11 @@ struct h264_output {
  * or above 16384. ERR_NOMEM. ERR_UNSUPPORTED: the encoder refuses the settings or is not available. */
 MUST_CHECK enum err h264_encode(struct h264_encoder *h, const uint8_t *rgb, const struct h264_desc *desc,
                                 struct h264_output *out);
+
+/* ---- Access units ---- */
+
+/* H.264 access units in Annex B form, where each NAL unit follows a start code [H.264, B.1]. Thread: any. */
+
+/* The length of the parameter sets at the start of an access unit, with an access unit delimiter in front of them if
+ * there is one; 0: it does not start with both kinds of set. What follows starts with a start code. */
+size_t annexb_header_size(const uint8_t *bytes, size_t size);

@@ -4,7 +4,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "import/decoder/video.h"
+#include "import/decoder/decoder.h"
 
 #include <fcntl.h>
 #include <stdio.h>
@@ -44,7 +44,7 @@ static enum err start(struct decoder *d, struct reason *why)
     char file[24], picture[24], memory[24];
     char *const arguments[] = { d->video ? (char[]){ VIDEO_PROGRAM } : (char[]){ PROGRAM }, file, picture, memory,
                                 NULL };
-    const int descriptors[] = { d->file.fd, d->picture.fd }; /* in the order of wire.h */
+    const int descriptors[] = { d->file.fd, d->picture.fd }; /* in the order of internal.h */
 
     snprintf(file, sizeof(file), "%zu", d->file_bytes);
     snprintf(picture, sizeof(picture), "%zu", IMAGE_BYTES);

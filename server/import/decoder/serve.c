@@ -1,9 +1,9 @@
 #define _GNU_SOURCE /* MAP_NORESERVE */
 #include "import/decoder/serve.h"
 
-#include "import/decoder/wire.h"
+#include "import/decoder/internal.h"
 #include "import/sandbox/confine.h"
-#include "import/sandbox/helper.h"
+#include "import/sandbox/helper_process.h"
 
 #include <stdio.h>
 #include <sys/mman.h>

@@ -13,7 +13,7 @@ struct wire_request;
 struct decoder_work {
     /* A file: see decode_image. */
     enum err (*decode)(const uint8_t *bytes, size_t size, const char *name, struct image *im, struct reason *why);
-    /* All other requests (wire.h); NULL: they are refused. */
+    /* All other requests (internal.h); NULL: they are refused. */
     enum err (*video)(void *context, const struct wire_request *q, const uint8_t *bytes, struct image *im,
                       struct wire_answer *a);
     void *context;

@@ -1,7 +1,7 @@
 #include "import/decoder/serve.h"
 
 #include "base/mem.h"
-#include "import/decoder/wire.h"
+#include "import/decoder/internal.h"
 
 #include <libavcodec/avcodec.h>
 #include <libavutil/stereo3d.h>

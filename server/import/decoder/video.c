@@ -1,4 +1,4 @@
-#include "import/decoder/video.h"
+#include "import/decoder/decoder.h"
 
 #include "import/decoder/internal.h"
 

@@ -3,8 +3,8 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "image/codec/decode.h"
-#include "import/demux/wire.h"
-#include "import/sandbox/child.h"
+#include "import/demux/internal.h"
+#include "import/sandbox/helper_process.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -157,7 +157,7 @@ static enum err start(struct demux *d, const struct demux_desc *desc, bool is_fi
     enum err e = child_find(PROGRAM, desc->program, program, sizeof(program), why);
     if (!e && is_file)
         e = open_input(desc->spec, &input, why);
-    const int descriptors[] = { d->packet.fd, input }; /* in the order of wire.h */
+    const int descriptors[] = { d->packet.fd, input }; /* in the order of internal.h */
     if (!e)
         e = child_start(&d->child, program, arguments, descriptors, is_file ? 2 : 1, clock_ms() + d->timeout_ms,
                         d->stop, why);

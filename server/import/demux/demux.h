@@ -6,7 +6,7 @@
 #pragma once
 
 #include "base/err.h"
-#include "image/codec/stream_format.h"
+#include "image/codec/signal.h"
 
 #include <stdatomic.h>
 #include <stdbool.h>

@@ -1,4 +1,4 @@
-#include "import/demux/read.h"
+#include "import/demux/internal.h"
 
 #include "image/codec/image.h"
 #include "import/demux/demux.h"

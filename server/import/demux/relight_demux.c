@@ -1,9 +1,9 @@
 /* relight-demux: the process that the programs start to demultiplex a video file or a network stream. */
 #define _GNU_SOURCE
 #include "import/demux/demux.h"
-#include "import/demux/read.h"
+#include "import/demux/internal.h"
 #include "import/sandbox/confine.h"
-#include "import/sandbox/helper.h"
+#include "import/sandbox/helper_process.h"
 
 #include <errno.h>
 #include <fcntl.h>

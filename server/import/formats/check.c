@@ -1,5 +1,5 @@
 /* Checks headers that Assimp 5.2 does not check, before it reads the file. */
-#include "import/formats/internal.h"
+#include "import/formats/import.h"
 
 #include <string.h>
 

@@ -1,9 +1,10 @@
 /* The parts of our reader of glTF 2.0 [glTF 2.0]. Private to this room. Thread: one at a time. */
 #pragma once
 
-#include "import/formats/internal.h"
+#include "import/formats/import.h"
 
 #include <jansson.h>
+#include <math.h>
 
 #define GLTF_NONE SIZE_MAX /* in place of an index: the file has none */
 
@@ -232,3 +233,199 @@ MUST_CHECK enum err gltf_add_node_light(struct gltf *g, const struct gltf_at *no
 
 /* Refuses required extensions that are not supported, and names those that are ignored. ERR_UNSUPPORTED. */
 MUST_CHECK enum err gltf_check_extensions(const struct gltf *g);
+
+/* ---- Meshes ---- */
+
+/* Parts of a mesh of glTF. Private to this room. Thread: one at a time. */
+
+struct skin {
+    size_t count;           /* joints; 0: no skin */
+    double (*matrices)[16]; /* from the mesh to the world, for each joint */
+};
+
+struct gltf_draco;
+
+#define GLTF_DRACO_ARRAYS 16 /* arrays of a primitive that can be compressed: more than are read of one */
+
+struct primitive {
+    const struct gltf_at *at, *mesh, *node;
+    const struct skin *skin;
+    struct gltf_at attributes, indices;
+    struct gltf_accessor positions;
+    size_t first, count;      /* the vertices that are used */
+    struct gltf_draco *draco; /* NULL: not compressed */
+};
+
+struct places { /* where copies of a mesh stand */
+    double (*matrices)[16];
+    size_t count;
+};
+
+/* The slot for the scene's mesh that others share, see struct gltf_use; uses below 2: none do. */
+struct sharing {
+    double uses;
+    uint32_t *slot;
+};
+
+/* As gltf_accessor_vector, where the primitive's data may be compressed. */
+MUST_CHECK enum err primitive_accessor(struct gltf *g, const struct primitive *p, const struct gltf_at *at,
+                                       size_t least, size_t most, struct gltf_accessor *out);
+/* The same; it must have an element for each vertex. */
+MUST_CHECK enum err primitive_attribute(struct gltf *g, const struct primitive *p, const struct gltf_at *at,
+                                        size_t least, size_t most, struct gltf_accessor *out);
+
+/* ---- gltf_draco.c: KHR_draco_mesh_compression ---- */
+
+/* Decompresses the primitive's data if they are compressed. ERR_FORMAT, ERR_RANGE, ERR_NOMEM. */
+MUST_CHECK enum err primitive_draco_begin(struct gltf *g, struct primitive *p);
+void primitive_draco_end(struct primitive *p);
+/* The accessor of an attribute, or of the indices, if it is compressed; else *found is false. Valid until the end. */
+MUST_CHECK enum err primitive_draco_accessor(struct gltf *g, const struct primitive *p, const struct gltf_at *at,
+                                             struct gltf_accessor *out, bool *found);
+
+/* ---- gltf_instances.c: EXT_mesh_gpu_instancing ---- */
+
+/* The world matrices of the copies; `out` has one, the node's own, without instances. Free with places_finish.
+ * ERR_FORMAT, ERR_NOMEM. */
+MUST_CHECK enum err places_load(struct gltf *g, const struct gltf_at *node, const double world[16], struct places *out);
+void places_finish(struct places *p); /* zeroed memory is allowed */
+
+/* What a node's mesh shares with other nodes. ERR_NOMEM. */
+MUST_CHECK enum err sharing_find(struct gltf *g, size_t mesh, const struct gltf_at *node, size_t primitive,
+                                 struct sharing *out);
+
+/* ---- gltf_place.c ---- */
+
+/* Adds a mesh, in its own space, at each place: as instances where it has many triangles and uses, else as copies.
+ * Takes over the arrays of *m, also on error. ERR_NOMEM. */
+MUST_CHECK enum err place_all(struct gltf *g, struct mesh *m, const struct places *places, const struct sharing *with);
+/* The same for a mesh that the scene has. */
+MUST_CHECK enum err place_again(struct gltf *g, uint32_t mesh, const char *name, const struct places *places);
+
+/* ---- gltf_deform.c: morph targets and skins, as the nodes stand ---- */
+
+/* The node's skin, whose matrices the caller frees; none: count 0. Needs g->worlds. ERR_FORMAT, ERR_NOMEM. */
+MUST_CHECK enum err skin_load(struct gltf *g, const struct gltf_at *node, struct skin *out);
+/* Moves the vertices. ERR_FORMAT, ERR_NOMEM. */
+MUST_CHECK enum err primitive_deform(struct gltf *g, const struct primitive *p, struct mesh *m);
+
+/* Transform a point by a matrix, a normal by its cofactors; side: the determinant's sign. A normal becomes unit, or
+ * (0, 0, 0). */
+void gltf_transform_point(const double m[16], float p[3]);
+void gltf_transform_normal(const double c[9], double side, float n[3]);
+/* Reverses the winding. */
+void mesh_turn_over(struct mesh *m);
+
+/* ---- Materials ---- */
+
+/* What readers of a glTF file's materials share. Private to this room. Thread: one at a time. */
+
+/* ---- Textures ---- */
+
+/* Textures of glTF: each image is read once per use. Private to this room. Thread: one at a time. */
+
+struct gltf_known_image;
+
+struct gltf_images { /* zeroed but for g at first */
+    struct gltf *g;
+    struct gltf_known_image *known; /* the caller frees the list, not the scene's textures */
+    size_t count, room;
+};
+
+struct gltf_numbers { /* a texture of numbers: TEXTURE_LINEAR */
+    bool found;       /* false: it cannot be read; the rest is zero, and a warning was logged */
+    uint32_t texture; /* of the scene; MATERIAL_NO_TEXTURE: uniform, the means say it all */
+    float mean[4];    /* of the channels, 0..1 */
+    struct gltf_surface surface;
+};
+
+/* Reads the texture of colours that `at` names; *index is MATERIAL_NO_TEXTURE if it cannot be read, which costs a
+ * warning. Else sets *surface. ERR_FORMAT, ERR_RANGE, ERR_NOMEM. */
+MUST_CHECK enum err gltf_texture_colours(struct gltf_images *s, const struct gltf_at *at, enum texture_values values,
+                                         uint32_t *index, struct gltf_surface *surface);
+
+/* The same for numbers. channels: those that count, bit 0 for red, where a uniform texture is as good as its means; 0:
+ * it never is. If only alpha counts, the scene's texture has it in each channel. instead: what happens without the
+ * image, for the warning; static text. */
+MUST_CHECK enum err gltf_texture_numbers(struct gltf_images *s, const struct gltf_at *at, unsigned channels,
+                                         const char *instead, struct gltf_numbers *out);
+
+struct gltf_image {         /* an image by itself, sRGB with alpha */
+    size_t index;           /* of the texture in the file */
+    struct texture texture; /* without texels: it cannot be read, and a warning was logged */
+    enum texture_wrap wrap_u, wrap_v;
+    struct gltf_surface surface;
+};
+
+/* Decodes the texture that `at` names without adding it to the scene; free out->texture with texture_finish. instead:
+ * as above. ERR_FORMAT, ERR_RANGE, ERR_NOMEM. */
+MUST_CHECK enum err gltf_texture_image(struct gltf_images *s, const struct gltf_at *at, const char *instead,
+                                       struct gltf_image *out);
+
+/* ---- The source ---- */
+
+struct glossy_known;
+
+#define GREY 0.5f /* in place of a texture that cannot be opened */
+
+struct gltf_source {
+    struct gltf *g;
+    struct gltf_images images;
+    struct gltf_note unlit, notes[FEATURE_COUNT];
+    size_t material;             /* being read */
+    struct glossy_known *glossy; /* what specular-glossiness textures have become */
+    size_t glossy_count, glossy_room;
+};
+
+static inline float largest(struct vec3 v)
+{
+    return fmaxf(v.x, fmaxf(v.y, v.z));
+}
+
+/* A number from 0 to 1; others become the nearest. ERR_FORMAT: not a number. */
+MUST_CHECK enum err gltf_share(struct gltf_source *s, const struct gltf_at *at, const char *key, double fallback,
+                               float *out);
+
+/* A colour whose first three of `count` numbers matter, likewise. */
+MUST_CHECK enum err gltf_colour(struct gltf_source *s, const struct gltf_at *at, const char *key, size_t count,
+                                double fallback, struct vec3 *out);
+
+/* The texture of the base colour and of alpha, at the key of an object; the surfaces are grey, with a warning, if it
+ * cannot be read. m has its alpha_mode. ERR_FORMAT, ERR_RANGE, ERR_NOMEM. */
+MUST_CHECK enum err gltf_read_base_texture(struct gltf_source *s, const struct gltf_at *above, const char *key,
+                                           struct material *m, struct gltf_surface *surface);
+
+/* Whether a texture can have one of the two sets of texture coordinates of the material's meshes, which the first
+ * textures choose, or if it is one of `maps`, some that are affine in one: then m->moved_by says so. surface[2]. */
+bool gltf_place_texture(struct gltf_source *s, struct material *m, enum material_map map, struct gltf_surface *surface,
+                        const struct gltf_surface *own);
+
+/* KHR_materials_clearcoat. Its normal is that of the mesh, or of the surface's normal map if it names the same.
+ * ERR_FORMAT, ERR_NOMEM. */
+MUST_CHECK enum err gltf_read_coat(struct gltf_source *s, const struct gltf_at *at, struct material *m,
+                                   struct gltf_surface *surface);
+
+/* KHR_materials_sheen, of the material `at`. ERR_FORMAT, ERR_NOMEM. */
+MUST_CHECK enum err gltf_read_sheen(struct gltf_source *s, const struct gltf_at *at, struct material *m,
+                                    struct gltf_surface *surface);
+
+/* ---- Glossiness ---- */
+
+/* KHR_materials_pbrSpecularGlossiness as metallic-roughness. Private to this room. Thread: one at a time. */
+
+/* Reads the material whose extension `at` is; m has its alpha_mode. Factors alone become a metal where the diffuse
+ * colour is black, else a dielectric with this F0. A specular-glossiness texture makes two textures of the scene, once
+ * for all materials with the same textures and factors: base colour and metallic-roughness, texel by texel, as large
+ * as the larger of the two. With other coordinates than the diffuse texture it counts by its means, with a warning.
+ * ERR_FORMAT, ERR_RANGE, ERR_NOMEM. */
+MUST_CHECK enum err gltf_read_glossy(struct gltf_source *s, const struct gltf_at *at, struct material *m,
+                                     struct gltf_surface *surface);
+
+struct glossy_texel { /* of the conversion, all 0..1 and linear */
+    float base[3], metallic, roughness;
+};
+
+/* The metallic-roughness values that reflect the same: base and metallic solve
+ *     0.96 (1 - metallic) base = diffuse (1 - max specular),    0.04 (1 - metallic) + metallic base = specular
+ * for the luminance, where specular is at least 0.04; then base is the least-squares solution per channel. */
+void glossy_convert(const float diffuse[3], const float specular[3], float glossiness, struct glossy_texel *out);

@@ -1,4 +1,4 @@
-#include "import/formats/gltf_mesh.h"
+#include "import/formats/gltf.h"
 
 #include "base/mem.h"
 

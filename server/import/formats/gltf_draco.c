@@ -1,5 +1,5 @@
 /* KHR_draco_mesh_compression: a primitive's indices and some of its attributes come from one compressed buffer view. */
-#include "import/formats/gltf_mesh.h"
+#include "import/formats/gltf.h"
 
 #include "base/mem.h"
 #include "import/formats/draco_mesh.h"

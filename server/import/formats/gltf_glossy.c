@@ -1,10 +1,10 @@
 /* Specular-glossiness materials of glTF [KHR_materials_pbrSpecularGlossiness]. */
-#include "import/formats/gltf_source.h"
+#include "import/formats/gltf.h"
 
 #include "base/luminance.h"
 #include "base/mem.h"
 #include "base/vec.h"
-#include "import/formats/internal.h"
+#include "import/formats/import.h"
 
 #include <math.h>
 #include <string.h>

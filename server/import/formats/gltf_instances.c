@@ -1,5 +1,5 @@
 /* Collects the placements of a mesh: its nodes, and EXT_mesh_gpu_instancing. */
-#include "import/formats/gltf_mesh.h"
+#include "import/formats/gltf.h"
 
 #include "base/mem.h"
 

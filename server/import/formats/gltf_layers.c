@@ -1,5 +1,5 @@
 /* Layers on top of a glTF material: clear coat and sheen. */
-#include "import/formats/gltf_source.h"
+#include "import/formats/gltf.h"
 
 /* A map of numbers that multiplies a factor by one of its channels, or by that one's mean where it is the same
  * everywhere or has no coordinates. */

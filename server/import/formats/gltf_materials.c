@@ -1,5 +1,5 @@
 /* Materials of glTF: metallic-roughness becomes `ggx`, transmission becomes `glass`. */
-#include "import/formats/gltf_source.h"
+#include "import/formats/gltf.h"
 
 #include "base/mem.h"
 

@@ -1,5 +1,5 @@
 /* Primitives of glTF as meshes. */
-#include "import/formats/gltf_mesh.h"
+#include "import/formats/gltf.h"
 
 #include "base/mem.h"
 

@@ -1,5 +1,5 @@
 /* Places meshes in the world, as copies or as instances that share arrays. */
-#include "import/formats/gltf_mesh.h"
+#include "import/formats/gltf.h"
 
 #include "base/mem.h"
 

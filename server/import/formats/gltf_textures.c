@@ -1,5 +1,5 @@
 /* Images of glTF as textures of the scene. */
-#include "import/formats/gltf_source.h"
+#include "import/formats/gltf.h"
 
 #include "base/mem.h"
 

@@ -1,7 +1,6 @@
 #include "import/formats/import.h"
 
 #include "base/log.h"
-#include "import/formats/internal.h"
 
 #include <string.h>
 #include <strings.h>

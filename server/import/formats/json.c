@@ -1,4 +1,4 @@
-#include "import/formats/json_internal.h"
+#include "import/formats/import.h"
 
 #include "base/log.h"
 #include "scene/geometry/free_view.h"

@@ -1,4 +1,4 @@
-#include "import/formats/json_internal.h"
+#include "import/formats/import.h"
 
 #include "base/mem.h"
 

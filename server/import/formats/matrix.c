@@ -1,4 +1,4 @@
-#include "import/formats/internal.h"
+#include "import/formats/import.h"
 
 void matrix_multiply(const double a[16], const double b[16], double out[16])
 {

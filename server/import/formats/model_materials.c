@@ -1,7 +1,7 @@
 /* Materials of OBJ (MTL), FBX, COLLADA, 3DS, PLY and STL files as Assimp provides them. Their Blinn-Phong model does
  * not conserve energy, so it is replaced by our closest type: a GGX lobe as wide as the highlight, a mirror or glass.
  * */
-#include "import/formats/internal.h"
+#include "import/formats/import.h"
 
 #include "base/log.h"
 #include "base/mem.h"

@@ -1,4 +1,4 @@
-#include "import/formats/internal.h"
+#include "import/formats/import.h"
 
 #include "base/log.h"
 

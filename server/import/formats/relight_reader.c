@@ -1,6 +1,6 @@
 /* relight-reader: the process that reads scene files for the programs that show them. */
 #include "import/formats/import.h"
-#include "import/reader/serve.h"
+#include "import/reader/host.h"
 
 #include <jansson.h>
 

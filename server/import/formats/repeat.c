@@ -1,5 +1,5 @@
 /* Models that are placed several times share their meshes. */
-#include "import/formats/internal.h"
+#include "import/formats/import.h"
 
 /* The rows of `move` times the matrix that places mesh m, if one does. */
 static void moved_rows(const struct mesh *m, const double move[16], float rows[3][4])

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "base/err.h"
+#include "scene/geometry/scene.h"
 
 #include <stddef.h>
 #include <stdint.h>
@@ -31,3 +32,12 @@ struct bytes {
 /* Reads a whole file. Errors of host.open; ERR_NOMEM; ERR_IO: cannot be read. */
 MUST_CHECK enum err host_read(const struct host *h, const char *path, struct bytes *out, struct reason *why);
 void bytes_finish(struct bytes *b); /* zeroed memory is allowed */
+
+/* ---- The program ---- */
+
+/* The main function of relight-reader: confines the process, reads one scene, hands it over and ends. Thread: main. */
+
+/* argv: bytes of memory, seconds of processor time, the time of animations and bytes of textures (host.h), the scene
+ * file. `import`: import_scene, or what a test puts in its place. Returns the exit code. */
+int reader_serve(int argc, char **argv,
+                 enum err (*import)(const char *path, const struct host *host, struct scene **out, struct reason *why));

@@ -6,7 +6,7 @@
 #include "base/progress.h"
 #include "import/reader/files.h"
 #include "import/reader/wire.h"
-#include "import/sandbox/child.h"
+#include "import/sandbox/helper_process.h"
 
 #include <errno.h>
 #include <inttypes.h>

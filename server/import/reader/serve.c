@@ -1,9 +1,9 @@
-#include "import/reader/serve.h"
+#include "import/reader/host.h"
 
 #include "base/log.h"
 #include "import/reader/wire.h"
 #include "import/sandbox/confine.h"
-#include "import/sandbox/helper.h"
+#include "import/sandbox/helper_process.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -1,10 +1,10 @@
-/* Messages between a program and its relight-reader (import/sandbox/helper.h). The scene itself goes through a piece of
+/* Messages between a program and its relight-reader (import/sandbox/helper_process.h). The scene itself goes through a piece of
  * shared memory (wire.h). Private to this room. */
 #pragma once
 
 #include "base/err.h"
 #include "import/reader/host.h"
-#include "import/sandbox/helper.h"
+#include "import/sandbox/helper_process.h"
 #include "scene/geometry/scene.h"
 
 #include <stdint.h>

@@ -1,8 +1,7 @@
 #define _GNU_SOURCE /* F_DUPFD_CLOEXEC, memfd_create */
-#include "import/sandbox/child.h"
+#include "import/sandbox/helper_process.h"
 
 #include "base/clock.h"
-#include "import/sandbox/helper.h"
 
 #include <assert.h>
 #include <errno.h>

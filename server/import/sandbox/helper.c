@@ -1,4 +1,4 @@
-#include "import/sandbox/helper.h"
+#include "import/sandbox/helper_process.h"
 
 #include <errno.h>
 #include <stdio.h>

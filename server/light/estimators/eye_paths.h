@@ -15,7 +15,7 @@
 #pragma once
 
 #include "base/err.h"
-#include "base/scratch.h"
+#include "base/mem.h"
 #include "light/estimators/paths.h"
 #include "scene/geometry/gbuffer.h"
 #include "scene/geometry/rays.h"

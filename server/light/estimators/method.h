@@ -1,7 +1,7 @@
 /* The methods for direct light (--method) and their sampling techniques. Thread: any. */
 #pragma once
 
-#include "base/choice.h"
+#include "base/setting.h"
 #include "sky/tables/samples.h"
 
 #include <stdbool.h>

@@ -5,7 +5,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/progress.h"
-#include "base/threads.h"
+#include "base/process.h"
 #include "base/rng.h"
 #include "light/cache/memory.h"
 #include "light/estimators/eye_store.h"

@@ -3,9 +3,9 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/process.h"
 #include "base/progress.h"
 #include "base/rng.h"
-#include "base/threads.h"
 #include "light/denoise/filter.h"
 #include "light/resolve/resolve.h"
 

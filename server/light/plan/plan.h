@@ -3,7 +3,7 @@
  * light/frame/frame_plan.h chooses. Plain data. Thread: any. */
 #pragma once
 
-#include "base/choice.h"
+#include "base/setting.h"
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -3,8 +3,8 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/progress.h"
+#include "image/codec/encode.h"
 #include "image/codec/frame.h"
-#include "image/codec/hdr_write.h"
 #include "sky/daylight/reinhart.h"
 
 #include <errno.h>

@@ -8,7 +8,7 @@
 #pragma once
 
 #include "base/err.h"
-#include "base/file_pattern.h"
+#include "base/file_store.h"
 #include "light/frame/relight.h"
 #include "scene/geometry/view.h"
 

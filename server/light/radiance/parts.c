@@ -1,6 +1,6 @@
 #include "light/radiance/parts.h"
 
-#include "base/file_pattern.h"
+#include "base/file_store.h"
 #include "base/half.h"
 #include "base/log.h"
 #include "base/mem.h"

@@ -3,7 +3,7 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "base/sort.h"
-#include "image/codec/exr_write.h"
+#include "image/codec/encode.h"
 #include "measure/chart/script.h"
 #include "sky/source/source.h"
 

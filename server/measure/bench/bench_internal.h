@@ -2,8 +2,8 @@
 #pragma once
 
 #include "base/progress.h"
+#include "image/codec/encode.h"
 #include "image/codec/frame.h"
-#include "image/codec/jpeg.h"
 #include "image/film/film.h"
 #include "light/frame/relight.h"
 #include "measure/bench/bench.h"

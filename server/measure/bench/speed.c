@@ -1,7 +1,7 @@
 /* relight-bench --speed: every scene by both CPU levels at two sizes. */
 #include "base/clock.h"
 #include "base/mem.h"
-#include "image/codec/exr_write.h"
+#include "image/codec/encode.h"
 #include "measure/bench/cached.h"
 #include "measure/chart/chart.h"
 #include "measure/chart/script.h"

@@ -4,7 +4,7 @@
 #include "base/mem.h"
 #include "base/progress.h"
 #include "base/sort.h"
-#include "image/codec/jpeg.h"
+#include "image/codec/encode.h"
 #include "image/film/film.h"
 #include "light/resolve/resolve.h"
 #include "measure/chart/judge.h"

@@ -1,6 +1,6 @@
 #include "measure/chart/script.h"
 
-#include "import/sandbox/child.h"
+#include "import/sandbox/helper_process.h"
 
 #include <errno.h>
 #include <math.h>

@@ -2,7 +2,7 @@
 
 #include "base/mem.h"
 #include "base/text.h"
-#include "image/codec/jpeg.h"
+#include "image/codec/encode.h"
 #include "image/film/film.h"
 #include "measure/compare/error_map.h"
 

@@ -3,7 +3,6 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "image/video/annexb.h"
 #include "image/video/h264.h"
 #include "net/publish/queue.h"
 #include "net/publish/sink.h"

@@ -1,6 +1,6 @@
 #include "net/publish/sink.h"
 
-#include "image/video/annexb.h"
+#include "image/video/h264.h"
 
 enum err sink_open(const struct sink_desc *desc, struct sink **out, struct reason *why)
 {

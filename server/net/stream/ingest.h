@@ -6,7 +6,7 @@
  * the frame is refused. Frames are accepted in IDLE only, so either end may disconnect at any time and resume later. */
 #pragma once
 
-#include "base/recent.h"
+#include "base/mem.h"
 #include "net/message/message.h"
 #include "net/stream/assembly.h"
 #include "net/stream/server.h"

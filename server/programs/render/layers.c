@@ -1,7 +1,7 @@
 /* --layers: the channels of a multi-layer EXR. What does not change from frame to frame is made once. */
 #include "base/mem.h"
 #include "image/codec/cryptomatte.h"
-#include "image/codec/exr_write.h"
+#include "image/codec/encode.h"
 #include "light/frame/layers.h"
 #include "programs/render/render_internal.h"
 #include "scene/geometry/free_view.h"

@@ -1,9 +1,9 @@
 /* Benchmarks the stages of the pipeline, and all of it, against the limits of the machine: the flags;
  * server/measure/bench measures, and a script prints. */
 #include "base/log.h"
+#include "base/process.h"
 #include "base/setting_table.h"
-#include "base/threads.h"
-#include "import/sandbox/child.h"
+#include "import/sandbox/helper_process.h"
 #include "measure/bench/bench.h"
 #include "measure/chart/script.h"
 #include "relightd/settings/settings.h"

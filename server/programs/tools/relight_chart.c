@@ -1,7 +1,7 @@
 /* Charts error against time: the flags; server/measure/chart does the work. */
 #include "base/log.h"
+#include "base/process.h"
 #include "base/setting_table.h"
-#include "base/threads.h"
 #include "light/estimators/kernels.h"
 #include "measure/chart/chart.h"
 #include "relightd/settings/settings.h"

@@ -1,7 +1,7 @@
 /* Renders the frames of a source to files: the rooms of relightd without a network, for scripts and for tests. */
 #include "base/log.h"
 #include "base/setting_table.h"
-#include "import/sandbox/child.h"
+#include "import/sandbox/helper_process.h"
 #include "light/frame/part.h"
 #include "light/radiance/components.h"
 #include "light/radiance/parts.h"

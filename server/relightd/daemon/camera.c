@@ -6,7 +6,7 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "base/threads.h"
+#include "base/process.h"
 
 #include <omp.h>
 #include <stdio.h>

@@ -2,7 +2,7 @@
 
 #include "base/config.h"
 #include "base/mem.h"
-#include "base/notify.h"
+#include "base/process.h"
 #include "net/access/tls.h"
 #include "relightd/daemon/state.h"
 

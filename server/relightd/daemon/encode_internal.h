@@ -4,7 +4,7 @@
 #include "relightd/daemon/encode.h"
 #include "relightd/daemon/shared.h"
 
-#include "image/codec/jpeg.h"
+#include "image/codec/encode.h"
 #include "image/film/film.h"
 #include "image/video/h264.h"
 

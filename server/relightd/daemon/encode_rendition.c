@@ -3,9 +3,8 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "image/codec/exr_write.h"
-#include "image/codec/jpeg.h"
-#include "image/film/scale.h"
+#include "image/codec/encode.h"
+#include "image/film/film.h"
 
 #define RENDITIONS_SHARE 0.25 /* of this thread's time, at most, for all renditions: viewers need the rest */
 

@@ -13,8 +13,8 @@
 #include "relightd/daemon/state.h"
 
 #include "base/log.h"
+#include "base/process.h"
 #include "base/progress.h"
-#include "base/threads.h"
 #include "job/ranks/ranks.h"
 
 #include <omp.h>

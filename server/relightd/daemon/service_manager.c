@@ -1,7 +1,7 @@
 #include "relightd/daemon/service_manager.h"
 
 #include "base/clock.h"
-#include "base/notify.h"
+#include "base/process.h"
 #include "relightd/daemon/shared.h"
 
 #include <string.h>

@@ -1,4 +1,4 @@
-/* The service manager's thread (systemd's Type=notify, base/notify.h): reports startup progress, readiness, status,
+/* The service manager's thread (systemd's Type=notify, base/process.h): reports startup progress, readiness, status,
  * watchdog and stop. It runs only under a service manager. */
 #pragma once
 

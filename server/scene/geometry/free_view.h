@@ -2,8 +2,8 @@
  * the vertical field of view. No camera's name begins with "@". Thread: any. */
 #pragma once
 
-#include "base/choice.h"
 #include "base/err.h"
+#include "base/setting.h"
 #include "scene/geometry/gbuffer.h"
 #include "scene/geometry/scene.h"
 #include "scene/geometry/view.h"

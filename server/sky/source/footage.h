@@ -3,7 +3,7 @@
 #pragma once
 
 #include "image/codec/frame.h"
-#include "import/decoder/video.h"
+#include "import/decoder/decoder.h"
 #include "import/demux/demux.h"
 
 #define FOOTAGE_RATE_MAX 240.0 /* frames per second; a stream that claims more is played at FOOTAGE_RATE */

@@ -26,7 +26,7 @@
 
 #include "base/setting.h"
 #include "image/codec/frame.h"
-#include "import/decoder/video.h"
+#include "import/decoder/decoder.h"
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -9,7 +9,6 @@
 #include "base/mem.h"
 #include "base/precedence.h"
 #include "base/progress.h"
-#include "base/recent.h"
 
 #include <fcntl.h>
 #include <math.h>

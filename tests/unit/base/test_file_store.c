@@ -1,6 +1,5 @@
 #include "support/unit.h"
 
-#include "base/file_pattern.h"
 #include "base/file_store.h"
 
 #include <dirent.h>

@@ -1,6 +1,6 @@
 #include "support/unit.h"
 
-#include "base/notify.h"
+#include "base/process.h"
 
 #include <stddef.h>
 #include <sys/socket.h>

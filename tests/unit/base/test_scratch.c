@@ -1,5 +1,5 @@
 /* What decoders keep from one file to the next: where its pieces lie, and that nothing of the last file is in them. */
-#include "base/scratch.h"
+#include "base/mem.h"
 
 #include "support/unit.h"
 

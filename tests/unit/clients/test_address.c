@@ -1,6 +1,6 @@
 #include "support/unit.h"
 
-#include "clients/common/address.h"
+#include "clients/common/connection.h"
 
 #include <arpa/inet.h>
 #include <openssl/x509v3.h>

@@ -1,6 +1,6 @@
 #include "support/unit.h"
 
-#include "clients/common/retry.h"
+#include "clients/common/connection.h"
 
 /* PROTOCOL.md section 8, code for code. */
 static void close_codes_are_answered_as_the_protocol_says(void **state)

@@ -2,7 +2,7 @@
 #include "image/codec/decoding.h"
 
 #include "base/mem.h"
-#include "image/codec/hdr_write.h"
+#include "image/codec/encode.h"
 #include "image/codec/make_hdr.h"
 
 #define RGBE "FORMAT=32-bit_rle_rgbe"

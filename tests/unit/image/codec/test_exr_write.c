@@ -1,4 +1,4 @@
-#include "image/codec/exr_write.h"
+#include "image/codec/encode.h"
 
 #include "base/mem.h"
 #include "base/rng.h"

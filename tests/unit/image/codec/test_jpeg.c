@@ -1,4 +1,4 @@
-#include "image/codec/jpeg.h"
+#include "image/codec/encode.h"
 
 #include "support/unit.h"
 

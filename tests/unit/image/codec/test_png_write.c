@@ -1,5 +1,5 @@
 /* PNG files, read back by libpng. */
-#include "image/codec/jpeg.h"
+#include "image/codec/encode.h"
 
 #include "base/mem.h"
 #include "base/rng.h"

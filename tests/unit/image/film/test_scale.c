@@ -1,5 +1,5 @@
 #include "base/luminance.h"
-#include "image/film/scale.h"
+#include "image/film/film.h"
 
 #include "support/unit.h"
 

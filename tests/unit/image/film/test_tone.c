@@ -1,4 +1,3 @@
-#include "image/film/false_colour.h"
 #include "image/film/film.h"
 
 #include "base/luminance.h"

@@ -3,7 +3,7 @@
 #define _GNU_SOURCE
 #include "import/decoder/serve.h"
 
-#include "import/decoder/wire.h"
+#include "import/decoder/internal.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -1,7 +1,7 @@
 /* A stream through relight-video: JPEG images as packets, their texels and times, and faults by the stream's name. */
 #include "support/unit.h"
 
-#include "import/decoder/video.h"
+#include "import/decoder/decoder.h"
 
 #include <libavcodec/avcodec.h>
 #include <math.h>

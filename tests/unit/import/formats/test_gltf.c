@@ -3,7 +3,7 @@
 
 #include "pngs.h"
 
-#include "import/formats/internal.h"
+#include "import/formats/import.h"
 
 #include <math.h>
 #include <turbojpeg.h>

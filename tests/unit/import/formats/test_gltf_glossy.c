@@ -1,7 +1,7 @@
 /* Specular-glossiness materials of glTF files. */
 #include "gltf_square.h"
 
-#include "import/formats/gltf_source.h"
+#include "import/formats/gltf.h"
 
 #define GLOSSY(members) "\"extensions\":{\"KHR_materials_pbrSpecularGlossiness\":{" members "}}"
 

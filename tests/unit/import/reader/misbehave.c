@@ -1,7 +1,7 @@
 /* relight-reader as a hostile scene file might make it: what the file's name says is done instead of reading. */
 #define _GNU_SOURCE
 #include "import/formats/import.h"
-#include "import/reader/serve.h"
+#include "import/reader/host.h"
 #include "import/reader/wire.h"
 
 #include <fcntl.h>

@@ -3,9 +3,7 @@
 
 #include "base/log.h"
 #include "base/mem.h"
-#include "image/codec/exr_write.h"
-#include "image/codec/hdr_write.h"
-#include "image/codec/jpeg.h"
+#include "image/codec/encode.h"
 #include "light/cache/cache_place.h"
 #include "light/estimators/points.h"
 #include "light/frame/pilot.h"

@@ -1,6 +1,6 @@
 /* Daylight coefficients for Radiance: patches in its order and axes, images that add up, files as it reads them. */
 #include "image/codec/decode.h"
-#include "image/codec/hdr_write.h"
+#include "image/codec/encode.h"
 #include "light/estimators/points.h"
 #include "light/radiance/components.h"
 #include "light/resolve/resolve.h"

@@ -1,6 +1,6 @@
 /* Daylight coefficients read back: skies as patches, sums of images and of matrices, and what is refused. */
 #include "base/rng.h"
-#include "image/codec/hdr_write.h"
+#include "image/codec/encode.h"
 #include "light/estimators/points.h"
 #include "light/radiance/parts.h"
 #include "sky/daylight/reinhart.h"

@@ -2,7 +2,7 @@
  */
 #include "support/unit.h"
 
-#include "import/decoder/video.h"
+#include "import/decoder/decoder.h"
 #include "import/demux/demux.h"
 #include "sky/source/clips.h"
 #include "sky/source/source.h"
