@@ -5,9 +5,9 @@
 #include "base/mem.h"
 #include "base/vec.h"
 #include "light/frame/part.h"
+#include "scene/geometry/gbuffer.h"
 #include "scene/geometry/scene_digest.h"
-#include "scene/geometry/sensors.h"
-#include "sky/tables/irradiance.h"
+#include "sky/tables/environment.h"
 #include "year/points.h"
 
 #include <math.h>

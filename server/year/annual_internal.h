@@ -6,7 +6,7 @@
 #include "image/codec/frame.h"
 #include "job/team/share.h"
 #include "scene/geometry/view.h"
-#include "sky/daylight/glare.h"
+#include "sky/daylight/measures.h"
 #include "sky/source/daylight.h"
 #include "year/annual.h"
 #include "year/ledger.h"

@@ -4,9 +4,9 @@
 
 #include "base/err.h"
 #include "base/vec.h"
+#include "scene/geometry/gbuffer.h"
 #include "scene/geometry/rays.h"
 #include "scene/geometry/scene.h"
-#include "scene/geometry/sensors.h"
 
 #include <math.h>
 #include <stdbool.h>

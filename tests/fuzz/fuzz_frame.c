@@ -2,7 +2,7 @@
  * rest is the message. It must be accepted exactly if it is valid as a whole. */
 #include "harness.h"
 
-#include "net/stream/assembly.h"
+#include "net/stream/ingest.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -2,7 +2,7 @@
  * user name and password. */
 #include "harness.h"
 
-#include "net/publish/target.h"
+#include "net/publish/publish.h"
 
 #include <jansson.h>
 #include <string.h>

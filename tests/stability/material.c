@@ -4,7 +4,7 @@
 #include "stability.h"
 
 #include "scene/surface/lobe.h"
-#include "sky/tables/latlong.h"
+#include "sky/tables/samples.h"
 
 #include "sky/tables/sampling.h"
 

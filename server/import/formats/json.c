@@ -1,7 +1,7 @@
 #include "import/formats/import.h"
 
 #include "base/log.h"
-#include "scene/geometry/free_view.h"
+#include "scene/geometry/view.h"
 
 #include <math.h>
 #include <stdio.h>

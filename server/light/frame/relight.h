@@ -13,7 +13,6 @@
 #include "light/estimators/kernels.h"
 #include "light/estimators/light_tracer.h"
 #include "light/plan/plan.h"
-#include "scene/geometry/free_view.h"
 #include "scene/geometry/gbuffer.h"
 #include "scene/geometry/rays.h"
 #include "scene/geometry/scene.h"

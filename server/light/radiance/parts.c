@@ -7,7 +7,6 @@
 #include "image/codec/decode.h"
 #include "light/cache/memory.h"
 #include "sky/daylight/reinhart.h"
-#include "sky/daylight/sky_matrix.h"
 
 #include <assert.h>
 #include <inttypes.h>

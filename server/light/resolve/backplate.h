@@ -2,7 +2,7 @@
  * glass, the image is the background, scaled by the model's effect on the ground's light. Per channel, for a point x of
  * the ground seen along d, image = B(d) L(x) / L0,     L0 = albedo / pi  E, where B is the sky behind the ground, L the
  * radiance of x with the model, by any estimator, and L0 its radiance without the model: E is the closed-form
- * irradiance of an unoccluded horizontal plane (sky/tables/irradiance.h). Far from the model the ground thus looks like
+ * irradiance of an unoccluded horizontal plane (sky/tables/environment.h). Far from the model the ground thus looks like
  * the background; towards the model it is Lambertian. The ratio is 1 in channels where E is 0. Light from the scene's
  * lamps is added unscaled.
  *

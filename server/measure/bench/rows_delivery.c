@@ -4,7 +4,6 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "net/stream/sent_image.h"
 #include "net/stream/server.h"
 
 #include <arpa/inet.h>

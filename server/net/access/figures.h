@@ -89,7 +89,7 @@ struct server_figures {
     struct server_publish publish[SERVER_PUBLISH_MAX];
     uint32_t publish_count;
 
-    char view[64];      /* the shown camera as a free view (scene/geometry/free_view.h); "": unknown */
+    char view[64];      /* the shown camera as a free view (scene/geometry/view.h); "": unknown */
     char preparing[64]; /* camera whose view is being computed; "": none */
     double prepared;    /* share of that, 0..1 */
     uint32_t lamp_samples, lamp_samples_wanted; /* of the lamps' light; the second 0: the scene has no lamps */

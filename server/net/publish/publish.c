@@ -6,7 +6,7 @@
 #include "image/video/h264.h"
 #include "net/publish/queue.h"
 #include "net/publish/sink.h"
-#include "net/stream/sent_image.h"
+#include "net/stream/server.h"
 #include "protocol/relight_protocol.h"
 
 #include <pthread.h>

@@ -1,7 +1,7 @@
 #include "net/publish/queue.h"
 
 #include "base/clock.h"
-#include "net/stream/sent_image.h"
+#include "net/stream/server.h"
 
 void publish_queue_init(struct publish_queue *q)
 {

@@ -3,7 +3,7 @@
 
 #include "base/err.h"
 #include "image/video/mux.h"
-#include "net/publish/target.h"
+#include "net/publish/publish.h"
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,4 +1,4 @@
-#include "net/publish/target.h"
+#include "net/publish/publish.h"
 
 #include <errno.h>
 #include <stdio.h>

@@ -1,4 +1,4 @@
-#include "net/stream/assembly.h"
+#include "net/stream/ingest.h"
 
 #include "base/half.h"
 #include "base/mem.h"

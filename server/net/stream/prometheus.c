@@ -1,9 +1,8 @@
-#include "net/stream/prometheus.h"
+#include "net/stream/internal.h"
 
 #include "base/log.h"
 #include "base/process.h"
 #include "base/text.h"
-#include "net/stream/internal.h"
 
 #include <math.h>
 #include <string.h>

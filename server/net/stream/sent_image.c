@@ -1,4 +1,4 @@
-#include "net/stream/sent_image.h"
+#include "net/stream/server.h"
 
 #include "base/mem.h"
 

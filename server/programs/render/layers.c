@@ -4,7 +4,7 @@
 #include "image/codec/encode.h"
 #include "light/frame/layers.h"
 #include "programs/render/render_internal.h"
-#include "scene/geometry/free_view.h"
+#include "scene/geometry/view.h"
 
 #include <assert.h>
 #include <stdio.h>

@@ -6,7 +6,7 @@
 #include "light/radiance/components.h"
 #include "light/radiance/parts.h"
 #include "programs/render/render.h"
-#include "relightd/settings/inspector_options.h"
+#include "relightd/settings/settings.h"
 #include "sky/source/sky.h"
 #include "year/annual.h"
 

@@ -2,7 +2,7 @@
  * old one continue; then the shade thread switches. Free views, which users drag, are coarse at first. The command
  * line's view is kept: it owns scene and rays, lockstep sequences use it, and returning to it is free. Where it was
  * coarse, for an early first image, the complete one takes its place in the same way. */
-#include "relightd/daemon/shade_internal.h"
+#include "relightd/daemon/shade.h"
 
 #include "base/clock.h"
 #include "base/log.h"

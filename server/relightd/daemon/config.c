@@ -4,7 +4,7 @@
 #include "base/mem.h"
 #include "base/process.h"
 #include "net/access/tls.h"
-#include "relightd/daemon/state.h"
+#include "relightd/daemon/settings.h"
 
 #include <errno.h>
 #include <inttypes.h>

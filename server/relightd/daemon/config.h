@@ -7,7 +7,7 @@
 #include "import/decoder/decoder.h"
 #include "light/frame/refine.h"
 #include "light/frame/relight.h"
-#include "net/publish/target.h"
+#include "net/publish/publish.h"
 #include "net/stream/server.h"
 #include "relightd/daemon/settings.h"
 #include "sky/source/sky.h"

@@ -1,4 +1,4 @@
-#include "relightd/daemon/encode_internal.h"
+#include "relightd/daemon/encode.h"
 
 #include "base/clock.h"
 #include "base/log.h"

@@ -1,7 +1,7 @@
 /* H.264: one encoder for each track with viewers (net/stream/server.h). Each image of a chain needs the previous one,
  * so none can be dropped after encoding. A track that has reached its rate therefore skips the next image before
  * encoding. The last image before a pause reaches every track as soon as its rate allows. */
-#include "relightd/daemon/encode_internal.h"
+#include "relightd/daemon/encode.h"
 
 #include "base/clock.h"
 #include "base/log.h"

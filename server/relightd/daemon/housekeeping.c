@@ -2,8 +2,8 @@
 
 #include "base/clock.h"
 #include "base/log.h"
+#include "relightd/daemon/settings.h"
 #include "relightd/daemon/shared.h"
-#include "relightd/daemon/state.h"
 
 #include <stdio.h>
 #include <time.h>

@@ -1,6 +1,6 @@
 /* The limit on the time per image (--max-picture-seconds): estimates the cost of settings, and reports the start and
  * end of each image to the housekeeping thread, which enforces the limit. */
-#include "relightd/daemon/shade_internal.h"
+#include "relightd/daemon/shade.h"
 
 #include "base/clock.h"
 #include "base/mem.h"

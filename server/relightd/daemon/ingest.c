@@ -1,4 +1,4 @@
-#include "relightd/daemon/ingest_internal.h"
+#include "relightd/daemon/ingest.h"
 
 #include "base/clock.h"
 #include "base/log.h"

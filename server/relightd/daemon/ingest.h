@@ -3,6 +3,9 @@
 #pragma once
 
 #include "base/err.h"
+#include "relightd/daemon/shared.h"
+
+#include <pthread.h>
 
 struct ingest_thread;
 struct shared;
@@ -20,3 +23,41 @@ void ingest_thread_go_on(struct ingest_thread *t);
 
 /* Waits for the thread, which ends when shared_is_stopping. Main thread. NULL is allowed. */
 void ingest_thread_destroy(struct ingest_thread *t);
+
+/* ---- Private to ingest*.c ---- */
+
+/* The ingest thread's private data. Only ingest*.c include this. */
+
+struct ingest_thread {
+    struct shared *shared;
+    struct source *source;   /* NULL: producers send the frames */
+    struct decoder *decoder; /* NULL: files are decoded in this process */
+    unsigned said;           /* by environment_report */
+    bool has_sun;            /* the map of sun_ms, which had */
+    struct sun_place sun;    /* this one */
+    int64_t sun_ms;          /* clock_ms; 0: none was looked at */
+    pthread_t thread;
+    bool running;
+    atomic_bool prepared; /* ingest_thread_go_on was called */
+};
+
+/* Ingest thread, all of what follows. */
+
+/* Decodes f into a free slot and publishes it to the shade thread. Errors are those of environment_update. Thread:
+ * ingest, as for all functions below. */
+MUST_CHECK enum err ingest_frame(struct ingest_thread *t, const struct frame *f, const struct server_ticket *ticket,
+                                 struct reason *why);
+
+/* If light settings changed since *seen, publishes the current frame again with the new settings. */
+void ingest_relight(struct ingest_thread *t, const struct frame *f, uint64_t version, uint64_t *seen,
+                    struct reason *why);
+
+/* Waits for ingest_thread_go_on. */
+void ingest_wait_prepared(struct ingest_thread *t);
+
+/* Sleeps for 0 to 999 milliseconds; a signal may end it early. */
+void ingest_sleep_ms(int64_t ms);
+
+/* Reads until the program stops: from t->source, or from producers. */
+void ingest_from_source(struct ingest_thread *t, struct reason *why);
+void ingest_from_producers(struct ingest_thread *t, struct reason *why);

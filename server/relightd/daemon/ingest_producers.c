@@ -1,4 +1,4 @@
-#include "relightd/daemon/ingest_internal.h"
+#include "relightd/daemon/ingest.h"
 
 #define TAKE_MS 100 /* at most, until new settings are noticed */
 #define PAUSE_MS 30 /* likewise, while paused */

@@ -1,7 +1,7 @@
 /* Answers queries about a pixel: where its light comes from (PROTOCOL.md 4.15). The shade thread answers between two
  * images, because it holds the frame; so queries cannot change an image. An answer takes about a tenth of a
  * second, and the server passes on only a few queries per second. */
-#include "relightd/daemon/shade_internal.h"
+#include "relightd/daemon/shade.h"
 
 #include "base/clock.h"
 #include "base/log.h"

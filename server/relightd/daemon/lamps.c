@@ -2,7 +2,7 @@
  * image is kept, so that another factor, or more samples of the lamps' part, need no relighting. Each view has its own
  * lamps' part, refined on a separate thread and filtered, so that its first images are not grainy; that of the command
  * line's view is kept when the camera changes. Lockstep images, which are not denoised, have an unfiltered one. */
-#include "relightd/daemon/shade_internal.h"
+#include "relightd/daemon/shade.h"
 
 #include "base/clock.h"
 #include "base/log.h"

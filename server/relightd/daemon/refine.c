@@ -1,6 +1,6 @@
 /* While no frame arrives, the shade thread refines the last image (light/frame/refine.h). Refinement does not affect
  * live streams: passes start only after an idle time, and any new work ends the current pass. */
-#include "relightd/daemon/shade_internal.h"
+#include "relightd/daemon/shade.h"
 
 #include "base/clock.h"
 #include "base/log.h"

@@ -2,15 +2,15 @@
  *     ingest   source or producer -> decode -> cube map and sampling tables       ingest.h
  *     shade    (main) light at the shade points -> linear image; refines it     shade.h
  *     encode   exposure -> tone curve -> JPEG, H.264 or EXR                       encode.h
- * A handoff of three slots connects two threads (slots.h): the newest wins, and no thread waits for a copy. The network
+ * A handoff of three slots connects two threads (shared.h): the newest wins, and no thread waits for a copy. The network
  * thread belongs to net/stream/server.h; service_manager.h and service_manager.h monitor the process. */
 #include "relightd/daemon/encode.h"
 #include "relightd/daemon/ingest.h"
 #include "relightd/daemon/job.h"
 #include "relightd/daemon/service_manager.h"
+#include "relightd/daemon/settings.h"
 #include "relightd/daemon/shade.h"
 #include "relightd/daemon/shared.h"
-#include "relightd/daemon/state.h"
 
 #include "base/log.h"
 #include "base/process.h"

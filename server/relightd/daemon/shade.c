@@ -1,4 +1,4 @@
-#include "relightd/daemon/shade_internal.h"
+#include "relightd/daemon/shade.h"
 
 #include "base/clock.h"
 #include "base/mem.h"

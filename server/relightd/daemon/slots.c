@@ -1,8 +1,8 @@
-#include "relightd/daemon/slots.h"
+#include "relightd/daemon/shared.h"
 
 #include "base/mem.h"
 #include "relightd/daemon/config.h"
-#include "sky/tables/resample_table.h"
+#include "sky/tables/resample.h"
 
 enum err frame_slots_init(struct frame_slots *s, const struct daemon_config *config, int count)
 {

@@ -2,7 +2,7 @@
  * control message of PROTOCOL.md 4.13 and passes the same checks as one from the network. It also contains the saved
  * views and, under "said", the command line's settings at that time. If the command line has changed since, its new
  * values take precedence. */
-#include "relightd/daemon/state.h"
+#include "relightd/daemon/settings.h"
 
 #include "base/clock.h"
 #include "base/file_store.h"

@@ -1,10 +1,9 @@
-#include "relightd/daemon/status.h"
+#include "relightd/daemon/shared.h"
 
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "light/frame/pilot.h"
-#include "relightd/daemon/shared.h"
 
 #include <math.h>
 #include <stdarg.h>

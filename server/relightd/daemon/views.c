@@ -2,7 +2,7 @@
 #include "relightd/daemon/settings.h"
 
 #include "relightd/daemon/config.h"
-#include "scene/geometry/free_view.h"
+#include "scene/geometry/view.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-#include "relightd/settings/inspector_options.h"
+#include "relightd/settings/settings.h"
 
 #include <inttypes.h>
 #include <stdio.h>

@@ -6,6 +6,7 @@
 #include "base/command.h"
 #include "image/film/film.h"
 #include "light/frame/relight.h"
+#include "light/inspector/inspector_report.h"
 #include "sky/source/source.h"
 
 /* What controllers may change while relightd runs, and what it is at the start. */
@@ -80,3 +81,14 @@ void setup_report_unused(const struct setup *s, const struct plan_facts *scene);
 
 /* After command_read: what follows from several flags, or from what this machine is. ERR_USAGE names the flag. */
 MUST_CHECK enum err setup_complete(struct setup *s, struct reason *why);
+
+/* ---- Probed pixels ---- */
+
+/* Reads --probe, --probe-samples and --probe-preset from a program's flags. Main thread. */
+
+extern const struct setting_choice inspect_presets[]; /* values of the field `figure` */
+
+/* After command_read, which reads samples and preset. *asked: --probe is given; its pixel, of an image of that size,
+ * goes to *out. ERR_USAGE names the flag. */
+MUST_CHECK enum err inspect_options_read(const struct command *c, uint32_t width, uint32_t height, bool *asked,
+                                         struct inspect_request *out, struct reason *why);

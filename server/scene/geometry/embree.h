@@ -3,6 +3,9 @@
  * query belongs to one thread. */
 #pragma once
 
+#include "scene/geometry/coverage.h"
+#include "scene/geometry/rays.h"
+
 #include <stdbool.h>
 
 #if RELIGHT_EMBREE == 4
@@ -96,3 +99,23 @@ static inline void embree_intersect1(RTCScene scene, struct embree_query *q, str
 EMBREE_OCCLUDED(4)
 EMBREE_OCCLUDED(8)
 EMBREE_OCCLUDED(16)
+
+/* ---- Scenes for Embree ---- */
+
+/* The parts of rays.h. Private to this room. Thread: any. */
+
+struct rays {
+    const struct scene *scene;
+    struct mask *masks; /* [mesh_count]; filled for the meshes with holes */
+    bool has_masks;     /* some are filled, */
+    bool placed_masks;  /* of placed meshes, too */
+    RTCDevice device;
+    RTCScene bvh;        /* meshes in world space and instances of parts: an id is that of the mesh */
+    RTCScene *parts;     /* [mesh_count], of placed meshes with arrays of their own; NULL: no mesh is placed */
+    int width;           /* lanes of the widest packets that Embree traces natively: 16, 8 or 4 */
+    struct ray_log *log; /* NULL except in benchmarks */
+};
+
+/* Embree's filter function for meshes with holes: rejects hits in holes. Embree may call it more than once per ray and
+ * triangle. */
+void rays_drop_holes(const struct RTCFilterFunctionNArguments *a);

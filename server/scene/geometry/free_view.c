@@ -1,4 +1,4 @@
-#include "scene/geometry/free_view.h"
+#include "scene/geometry/view.h"
 
 #include "base/vec.h"
 #include "scene/geometry/scene_build.h"

@@ -1,5 +1,5 @@
+#include "scene/geometry/embree.h"
 #include "scene/geometry/mesh_read.h"
-#include "scene/geometry/rays_internal.h"
 
 #include <math.h>
 #include <stddef.h>

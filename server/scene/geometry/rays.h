@@ -4,8 +4,8 @@
 
 #include "base/cpu.h"
 #include "scene/geometry/scene.h"
+#include "scene/surface/material.h"
 #include "scene/surface/packet.h"
-#include "scene/surface/surface.h"
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,6 +1,6 @@
 #include "base/log.h"
 #include "base/mem.h"
-#include "scene/geometry/rays_internal.h"
+#include "scene/geometry/embree.h"
 
 static void log_embree_error(void *user, enum RTCError code, const char *text)
 {

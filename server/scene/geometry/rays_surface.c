@@ -1,6 +1,6 @@
 /* The surface at a hit. */
+#include "scene/geometry/embree.h"
 #include "scene/geometry/mesh_read.h"
-#include "scene/geometry/rays_internal.h"
 
 #include <math.h>
 

@@ -1,4 +1,4 @@
-#include "scene/geometry/sensors.h"
+#include "scene/geometry/gbuffer.h"
 
 #include "base/mem.h"
 

@@ -18,7 +18,7 @@ struct lamps_desc { /* all must outlive the lamps */
     const struct rays *rays;
     const struct gbuffer *gbuffer;
     uint64_t seed;
-    bool by_lobes_alone; /* see walk.h; for tests */
+    bool by_lobes_alone; /* see emitters.h; for tests */
 };
 
 struct lamps_stats {

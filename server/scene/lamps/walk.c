@@ -1,4 +1,4 @@
-#include "scene/lamps/walk.h"
+#include "scene/lamps/emitters.h"
 
 #include "scene/geometry/scatter_hit.h"
 #include "scene/surface/path_ray.h"

@@ -6,9 +6,8 @@
  * scatter_light is its exact adjoint, so that both cover the same paths [Veach 1997, section 5.3]. */
 #pragma once
 
-#include "scene/surface/lobe_kind.h"
 #include "scene/surface/material.h"
-#include "scene/surface/surface.h"
+#include "scene/surface/packet.h"
 #include "scene/surface/texture.h"
 
 #include <stdbool.h>

@@ -1,4 +1,4 @@
-#include "sky/daylight/epw.h"
+#include "sky/daylight/moments.h"
 
 #include "base/mem.h"
 

@@ -1,4 +1,4 @@
-#include "sky/daylight/glare.h"
+#include "sky/daylight/measures.h"
 
 #include "base/mem.h"
 #include "base/vec.h"

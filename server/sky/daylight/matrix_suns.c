@@ -1,8 +1,7 @@
-#include "sky/daylight/sky_matrix.h"
+#include "sky/daylight/reinhart.h"
 
 #include "base/mem.h"
 #include "base/vec.h"
-#include "sky/daylight/reinhart.h"
 
 #include <ctype.h>
 #include <errno.h>

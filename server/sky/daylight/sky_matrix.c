@@ -1,7 +1,6 @@
-#include "sky/daylight/sky_matrix.h"
+#include "sky/daylight/reinhart.h"
 
 #include "base/mem.h"
-#include "sky/daylight/reinhart.h"
 
 #include <errno.h>
 #include <stdio.h>

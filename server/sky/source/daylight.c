@@ -5,7 +5,6 @@
 #include "base/mem.h"
 #include "base/vec.h"
 #include "sky/daylight/reinhart.h"
-#include "sky/daylight/sky_matrix.h"
 #include "sky/daylight/sun.h"
 #include "sky/source/sky.h"
 

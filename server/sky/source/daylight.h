@@ -5,7 +5,7 @@
 
 #include "base/err.h"
 #include "sky/daylight/moments.h"
-#include "sky/daylight/sky_matrix.h"
+#include "sky/daylight/reinhart.h"
 
 #include <stdbool.h>
 #include <stddef.h>

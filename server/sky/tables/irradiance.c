@@ -1,4 +1,4 @@
-#include "sky/tables/irradiance.h"
+#include "sky/tables/environment.h"
 
 #include "sky/tables/cube.h"
 

@@ -1,4 +1,4 @@
-#include "sky/tables/latlong.h"
+#include "sky/tables/samples.h"
 
 #include "base/mem.h"
 #include "sky/tables/invert.h"

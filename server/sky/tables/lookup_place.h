@@ -7,7 +7,7 @@
 #pragma once
 
 #include "sky/tables/environment.h"
-#include "sky/tables/resample_table.h"
+#include "sky/tables/resample.h"
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -1,5 +1,5 @@
 /* Resampling from a source layout to the cube map: a sparse matrix of the solid angles in which source and cube texels
- * overlap, computed once per layout, size and rotation (resample_table.h) and applied to every frame. A constant sky
+ * overlap, computed once per layout, size and rotation (resample.h) and applied to every frame. A constant sky
  * stays constant, and each source texel's energy is conserved, both to 1e-5. Directions that a layout does not cover (a
  * fisheye's lower hemisphere) get the mean of the covered ones [LPG13, 3]. An image of many more texels than the cube
  * map can use is first reduced to blocks of factor x factor texels, weighted by solid angle, so that the table stays
@@ -7,9 +7,78 @@
 #pragma once
 
 #include "base/err.h"
-#include "sky/tables/resample_table.h"
+#include "image/codec/image.h"
 
+#include <stdbool.h>
 #include <stdint.h>
+
+/* ---- Tables ---- */
+
+/* The sparse matrix of resample.h: the source texels and weights of each cube texel. It takes some tenths of a second
+ * and about 16 MB to compute, depends only on its key, and never changes afterwards, so that any number of threads and
+ * environments can share it. Tables are reference-counted.
+ *
+ * A `struct resample_tables` is the list of tables in use, with its own lock, through which environments share them.
+ * Its creator owns it and destroys it after the last environment that uses it. Thread: any. */
+
+struct resample_key {
+    enum layout layout; /* any but LAYOUT_AUTO */
+    uint32_t width, height;
+    uint32_t n;      /* texels per edge of a cube face */
+    double rotation; /* radians about +Y, right-handed: moves what the source shows at +Z towards +X */
+};
+
+bool resample_key_equal(const struct resample_key *a, const struct resample_key *b); /* field by field */
+
+/* The cube map is processed in tiles of 8 x 8 texels (padded at its edge); tile (band, place) of a face covers rows 8
+ * band .. and columns 8 place ... A tile consists of octets: eight texels with similar numbers of terms, summed in
+ * parallel with little padding. What a tile reads is close together in the source. */
+#define TILE 8
+#define OCTETS 8 /* octets in a tile */
+
+#define LINE_BYTES 64 /* a cache line */
+
+struct octet {
+    uint32_t first;       /* index of the first step; the octet's steps end at the next octet's first */
+    uint32_t base : 31;   /* the tile's lowest source block; `near` is relative to it */
+    uint32_t careful : 1; /* a lane has many terms, or one of them is the last block of the source */
+    uint8_t texel[8];     /* in the tile, 8 row + column, per lane */
+};
+
+struct resample_table {
+    struct resample_key key;
+    uint32_t users;              /* {lock of tables} reference count */
+    struct resample_table *next; /* {lock of tables} */
+
+    /* The source in blocks, row by row: columns x rows. With factor 1, blocks are texels. */
+    uint32_t factor, columns, rows;
+
+    /* The texel in lane l of an octet is the sum over its steps k of weight[k][l] * block[base + near[k][l]] (or
+     * block[base + far[k][l]]) plus unseen[octet][l] times the mean. Weights and unseen sum to 1. Blocks ascend within
+     * a lane; padding has weight 0. */
+    uint32_t across;      /* tiles per edge of a face */
+    struct octet *octets; /* [6][across][across][8] + 1: face, band, place */
+    float *weight;        /* [steps][8] */
+    uint16_t *near;       /* [steps][8]; NULL if a tile's blocks are too far apart; then `far` is used */
+    uint32_t *far;
+    uint32_t *line_first; /* [tiles + 1]; NULL if `far` is used */
+    uint16_t *line;       /* cache lines of the source that a tile reads, relative to its base; for prefetching */
+    float *unseen;        /* [octets][8]; NULL if the layout covers everything */
+    float *block_sum;     /* [blocks]: weights of the mean; NULL if unseen is */
+    float *share;         /* solid angles of source texels, for the reduction; NULL if factor is 1 */
+};
+
+/* NULL when out of memory. */
+struct resample_tables *resample_tables_create(void);
+void resample_tables_destroy(struct resample_tables *s); /* no table may be in use; NULL is allowed */
+
+/* Acquires the table of a key, computing it if necessary; concurrent requests for the same table wait. Release it with
+ * resample_table_release and the same `tables`, which may be NULL for an unshared table. The size must fit the layout
+ * (layout_fits). ERR_UNSUPPORTED: it does not. ERR_NOMEM. Uses all OpenMP threads; the table does not depend on their
+ * number. */
+MUST_CHECK enum err resample_table_take(struct resample_tables *s, const struct resample_key *key,
+                                        struct resample_table **out);
+void resample_table_release(struct resample_tables *s, struct resample_table *t); /* t may be NULL */
 
 struct resampler { /* per-frame state */
     const struct resample_table *table;

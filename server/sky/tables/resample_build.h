@@ -6,7 +6,7 @@
 #include "image/codec/image.h"
 #include "sky/tables/cube.h"
 #include "sky/tables/layout.h"
-#include "sky/tables/resample_table.h"
+#include "sky/tables/resample.h"
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,4 +1,4 @@
-#include "sky/tables/resample_table.h"
+#include "sky/tables/resample.h"
 
 #include "base/mem.h"
 #include "base/vec.h"

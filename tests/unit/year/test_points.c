@@ -1,7 +1,7 @@
 /* Sensors: grids over surfaces, files, their light and the sun's disc alone. */
 #include "base/luminance.h"
 #include "base/mem.h"
-#include "scene/geometry/sensors.h"
+#include "scene/geometry/gbuffer.h"
 #include "scene/surface/scatter.h"
 #include "support/unit.h"
 #include "year/points.h"

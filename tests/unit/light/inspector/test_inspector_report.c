@@ -1,7 +1,7 @@
 /* A probe's report is JSON that fits, whatever is asked; and its flags. */
 #include "base/setting_table.h"
 #include "light/inspector/inspector_report.h"
-#include "relightd/settings/inspector_options.h"
+#include "relightd/settings/settings.h"
 
 #include "light/frame/relight.h"
 #include "support/sets.h"

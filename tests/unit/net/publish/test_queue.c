@@ -1,6 +1,6 @@
 #include "net/publish/queue.h"
 
-#include "net/stream/sent_image.h"
+#include "net/stream/server.h"
 #include "support/unit.h"
 
 #include <time.h>

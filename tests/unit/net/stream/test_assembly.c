@@ -3,7 +3,7 @@
 
 #include "base/half.h"
 #include "base/mem.h"
-#include "net/stream/assembly.h"
+#include "net/stream/ingest.h"
 
 #include <math.h>
 

@@ -1,7 +1,7 @@
 /* What images are expected to cost, from what others did. */
 #include "support/unit.h"
 
-#include "relightd/daemon/shade_internal.h"
+#include "relightd/daemon/shade.h"
 
 static const struct plan_facts facts = { .points = 1000, .pixels = 800, .albedo = 0.5, .casters = 1 };
 

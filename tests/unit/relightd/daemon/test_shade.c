@@ -3,7 +3,7 @@
 
 #include "base/clock.h"
 #include "light/denoise/accumulation.h"
-#include "relightd/daemon/shade_internal.h"
+#include "relightd/daemon/shade.h"
 
 #include <jansson.h>
 #include <math.h>

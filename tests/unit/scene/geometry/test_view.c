@@ -1,5 +1,4 @@
 /* Fisheye views: directions, projections back and solid angles. */
-#include "scene/geometry/free_view.h"
 #include "scene/geometry/view.h"
 #include "support/unit.h"
 

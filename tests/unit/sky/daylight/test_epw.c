@@ -1,5 +1,4 @@
 /* Weather files: what is read, what is refused with line and field, and the moments chosen of them. */
-#include "sky/daylight/epw.h"
 #include "sky/daylight/moments.h"
 #include "sky/daylight/sun.h"
 #include "sky/daylight/weather.h"

@@ -1,9 +1,8 @@
 /* Suns of gendaymtx -D: which time step each is of, and taking them out of the patches again. */
-#include "sky/daylight/sky_matrix.h"
+#include "sky/daylight/reinhart.h"
 
 #include "base/mem.h"
 #include "base/vec.h"
-#include "sky/daylight/reinhart.h"
 #include "support/unit.h"
 
 #include <math.h>

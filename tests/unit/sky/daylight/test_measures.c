@@ -1,5 +1,4 @@
 /* Daylight measures against closed forms. */
-#include "sky/daylight/glare.h"
 #include "sky/daylight/measures.h"
 #include "support/unit.h"
 

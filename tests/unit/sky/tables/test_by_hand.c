@@ -1,9 +1,8 @@
 /* Tables and lookups against numbers worked out by hand: CDFs of a cube map with a few lit texels, what a second frame
  * leaves of the first, which way up a lat-long is, and what one texel of a pyramid's level gives off in all. */
-#include "sky/tables/latlong.h"
+#include "sky/tables/samples.h"
 #include "sky/tables/pyramid.h"
 #include "sky/tables/resample.h"
-#include "sky/tables/samples.h"
 #include "sky/tables/sky_table.h"
 
 #include "support/skies.h"

@@ -6,7 +6,6 @@
 #include "sky/source/daylight.h"
 #include "sky/source/source.h"
 #include "sky/tables/environment.h"
-#include "sky/tables/irradiance.h"
 #include "support/unit.h"
 
 #include <math.h>

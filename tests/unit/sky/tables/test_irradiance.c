@@ -1,6 +1,6 @@
 /* The irradiance of an open horizontal plane: closed forms against quadrature and against skies whose irradiance is
  * known. */
-#include "sky/tables/irradiance.h"
+#include "sky/tables/environment.h"
 #include "support/skies.h"
 
 #include "sky/tables/cube.h"

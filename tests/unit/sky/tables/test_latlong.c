@@ -1,6 +1,6 @@
 /* Sampling on the texels of a lat-long source: Jacobian, orientation, gain, and what is refused. That its densities
  * integrate to 1 and its samples follow them is in test_sampler_pdfs.c. */
-#include "sky/tables/latlong.h"
+#include "sky/tables/samples.h"
 
 #include "sky/tables/sampling.h"
 

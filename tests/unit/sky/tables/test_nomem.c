@@ -5,7 +5,7 @@
 #include "image/codec/make_exr.h"
 #include "image/codec/make_hdr.h"
 #include "sky/tables/environment.h"
-#include "sky/tables/resample_table.h"
+#include "sky/tables/resample.h"
 #include "sky/tables/samples.h"
 #include "sky/tables/sky_table.h"
 

@@ -4,9 +4,8 @@
  *
  * A sampler here is a set of strata, each with a density over the sphere. What a stratum should do with a texel is
  * worked out anew from radiance and solid angle, not read from tables. */
-#include "sky/tables/latlong.h"
-#include "sky/tables/resample.h"
 #include "sky/tables/samples.h"
+#include "sky/tables/resample.h"
 #include "sky/tables/sky_table.h"
 
 #include "sky/tables/sampling.h"

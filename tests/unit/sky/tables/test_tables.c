@@ -1,5 +1,5 @@
 /* Resampling tables that several environments share: one of a key, freed with its last user. */
-#include "sky/tables/resample_table.h"
+#include "sky/tables/resample.h"
 
 #include <omp.h>
 
