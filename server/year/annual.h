@@ -1,5 +1,5 @@
 /* A year of light: lights a scene and its sensors for every daylit hour of a weather file, and writes to a folder
- *     hours.csv, illuminance.csv   a row for each lit hour (ledger.h)
+ *     hours.csv, illuminance.csv   a row for each lit hour (ledger.c)
  *     sensors.csv                  a row for each sensor: its measures
  *     summary.json                 the measures of all sensors, and what year.py needs for its maps and page
  *     picture-MMDD-HHMM.*          chosen hours: .png as seen, .hdr, and -falsecolour.png: 1 to 10 000 cd/m2

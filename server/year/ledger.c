@@ -1,4 +1,4 @@
-#include "year/ledger.h"
+#include "year/annual_internal.h"
 
 #include "base/file_store.h"
 #include "base/mem.h"

@@ -8,7 +8,7 @@
 #include "figure.h"
 
 #include "light/estimators/seen_caustics.h"
-#include "light/frame/facts.h"
+#include "light/frame/frame_plan.h"
 
 #include <inttypes.h>
 #include <omp.h>

@@ -1,4 +1,4 @@
-/* The filter beside another: edge-avoiding a-trous wavelets (light/denoise/filter.h) and dual-buffer non-local means
+/* The filter beside another: edge-avoiding a-trous wavelets (light/denoise/denoise.h) and dual-buffer non-local means
  * with the same surfaces [Rousselle et al. 2012], 7 x 7 patches within 21 x 21 pixels, k = 0.45.
  *
  *     filters WxH SCENE|builtin SOURCE TRUTH SEEDS
@@ -7,10 +7,10 @@
  * and four times as many light samples: processor seconds of the halves and of each filter, relMSE and FLIP. Light
  * paths are left out of images and must not matter to the truth. */
 #include "base/mem.h"
-#include "light/denoise/filter.h"
+#include "light/denoise/denoise.h"
 #include "light/frame/relight.h"
 #include "light/resolve/resolve.h"
-#include "measure/compare/flip.h"
+#include "measure/compare/metrics.h"
 #include "sky/source/source.h"
 
 #include <math.h>

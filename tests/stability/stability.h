@@ -6,7 +6,7 @@
 #include "light/estimators/tracing.h"
 
 #include "image/film/film.h"
-#include "light/frame/facts.h"
+#include "light/frame/frame_plan.h"
 #include "light/frame/relight.h"
 #include "light/resolve/resolve.h"
 #include "measure/compare/metrics.h"

@@ -1,4 +1,4 @@
-#include "job/team/share.h"
+#include "job/team/team.h"
 
 #include "base/mem.h"
 

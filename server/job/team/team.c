@@ -4,7 +4,7 @@
 #include "base/clock.h"
 #include "base/half.h"
 #include "base/log.h"
-#include "job/team/share.h"
+#include "job/team/team.h"
 #include "light/frame/part.h"
 #include "scene/geometry/scene_digest.h"
 

@@ -7,6 +7,7 @@
 #pragma once
 
 #include "job/ranks/ranks.h"
+#include "light/cache/cache_share.h"
 #include "light/frame/relight.h"
 
 struct team;
@@ -39,3 +40,12 @@ MUST_CHECK enum err team_serve(struct team *t, struct reason *why);
 
 /* On rank 0, collective with the end of team_serve on the others; it logs what the images took. NULL is allowed. */
 void team_destroy(struct team *t);
+
+/* ---- Shared caches ---- */
+
+/* Lets the ranks of a job compute a cache of light transport together: implements the functions of
+ * light/cache/cache_share.h with ranks/. Thread: the relighter's. */
+
+/* This rank's share, of all packets; ranks must outlive it. Every rank calls relighter_prepare at the same time, as
+ * there is no `begin`. Errors of agree and pass are ERR_IO if a rank does not answer. */
+struct cache_share team_share(struct ranks *ranks);

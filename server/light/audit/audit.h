@@ -16,6 +16,12 @@
  * control. All random numbers follow from the seed, the key and the number of rounds since audit_forget. */
 #pragma once
 
+#include "scene/geometry/gbuffer.h"
+#include "scene/geometry/rays.h"
+#include "scene/geometry/scene.h"
+#include "scene/geometry/view.h"
+#include "sky/tables/environment.h"
+
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -72,3 +78,64 @@ void audit_forget(struct audit *a);
 
 /* rgb: d, float[height][width][3]. */
 void audit_image(struct audit *a, const struct audit_desc *desc, const float *rgb, struct audit_result *out);
+
+/* ---- Traced pixels ---- */
+
+/* Path-traces the light of single pixels for audit.h, from the G-buffer's shade points like the image, but with
+ * separate code and random numbers. Thread: any. */
+
+/* Low-discrepancy numbers of paths' first events. */
+#define AUDIT_NUMBERS_PATHS 256 /* more paths repeat them, shifted anew */
+#define AUDIT_NUMBERS_PLACES 18 /* one pair for the start, four for each of two events */
+struct audit_numbers {
+    uint64_t at[AUDIT_NUMBERS_PATHS][AUDIT_NUMBERS_PLACES]; /* units of 2^-64 */
+};
+
+/* Fills all of *n, the same each time. */
+void audit_numbers_fill(struct audit_numbers *n);
+
+struct audit_world {
+    const struct scene *scene;
+    const struct rays *rays;
+    const struct gbuffer *gbuffer; /* with all pixels; and packets, unless `whole` */
+    const struct view *view;
+    const struct environment *environment; /* complete */
+    const struct audit_numbers *numbers;   /* filled */
+    uint32_t classes, behind;              /* PATH_* at points seen directly, and seen in mirrors and through glass */
+    bool background;                       /* the image has the sky */
+    bool whole; /* the image is a reference's (light/frame/relighter.h), of `classes`: paths begin in the pixel */
+    const double *bare_ground; /* of path_world; NULL: the scene has no ground. Only with `whole` */
+};
+
+/* audit_desc.trace; self: a struct audit_world. */
+void audit_trace(void *world, const struct audit_question *q, struct audit_light *out);
+
+/* ---- Its cost ---- */
+
+/* How many rays the audits of a relighter's images may trace, and what they may take over from the images before.
+ * One thread of control. */
+
+struct purse { /* zeroed: nothing was lit */
+    bool settled;
+    double rays;               /* left of what live images have paid */
+    double begun_s;            /* the process's processor time before the first image; 0: there was none */
+    double spent_s, traced;    /* by audits: processor time, rays */
+    double energy[CUBE_FACES]; /* of the last image's sky */
+    uint64_t way;              /* in which the last image was made */
+};
+
+/* Rays for an image that pays `rays`: what live ones save up, once it is worth an audit, else 500,000 more. Small
+ * images, and those of a cache, cost less than any audit. settled: by a finished cache; the first of them may trace
+ * more. */
+uint64_t purse_pay(struct purse *p, bool live, bool settled, double rays);
+
+/* So many of these rays that audits take at most the share `most` of the processor time since the first image, by
+ * what their rays took; 0 when too few are left for one. used_s: the process's processor time. */
+uint64_t purse_limit(struct purse *p, double most, double used_s, uint64_t rays);
+
+/* An image's audit has traced so many, in so much processor time. */
+void purse_spend(struct purse *p, bool live, uint64_t rays, double seconds);
+
+/* How much of what is known of the last image's error is true of this one's, 0..1: 0 unless it was made in the same
+ * way, any number that tells ways apart, under nearly the same sky. */
+double purse_like_last(struct purse *p, const struct environment *e, uint64_t way);

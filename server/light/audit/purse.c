@@ -1,4 +1,4 @@
-#include "light/audit/purse.h"
+#include "light/audit/audit.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-#include "light/audit/trace.h"
+#include "light/audit/audit.h"
 
 #include "base/rng.h"
 #include "light/estimators/baselines/path.h"

@@ -1,4 +1,4 @@
-# Writes OUT, a C source that defines cache_code (cache_place.h): SHA-256 of the files of the ROOMS below SERVER, and of FLAGS.
+# Writes OUT, a C source that defines cache_code (cache_file.h): SHA-256 of the files of the ROOMS below SERVER, and of FLAGS.
 # cmake -DSERVER=... -DROOMS=a,b -DFLAGS=... -DOUT=... -P cache_code.cmake
 string(REPLACE "," ";" ROOMS "${ROOMS}")
 set(all "${FLAGS}")
@@ -11,4 +11,4 @@ foreach(room ${ROOMS})
   endforeach()
 endforeach()
 string(SHA256 digest "${all}")
-file(WRITE "${OUT}" "#include \"light/cache/cache_place.h\"\n\nconst char cache_code[] = \"${digest}\";\n")
+file(WRITE "${OUT}" "#include \"light/cache/cache_file.h\"\n\nconst char cache_code[] = \"${digest}\";\n")

@@ -4,12 +4,15 @@
  * detect truncation. What the bytes of a section mean, its reader must check.
  *
  * A room that saves a table writes a section with cache_writer_section and any number of cache_writer_put, and reads it
- * with cache_reader_find, cache_reader_get and cache_reader_end. Thread: one per writer and reader. */
+ * with cache_reader_find, cache_reader_get and cache_reader_end. Thread: one per writer and reader.
+ *
+ * Below: where such files lie, in a folder of limited size, and the digest of the code that made them. */
 #pragma once
 
 #include "base/digest.h"
 #include "base/err.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -61,3 +64,69 @@ MUST_CHECK enum err cache_reader_end(struct cache_reader *r, struct reason *why)
 
 /* Returns ERR_FORMAT with the reason that a section contains impossible numbers, for readers that find some. */
 enum err cache_reader_refuse(const struct cache_reader *r, struct reason *why);
+
+/* ---- The place of a file ---- */
+
+/* The path of a scene's cache file: either a given path, or a file in the cache folder whose name contains a digest of
+ * everything that the cache depends on. Thread: any. */
+
+#define CACHE_PATH 4096 /* PATH_MAX of Linux */
+
+struct cache_place {
+    char path[CACHE_PATH];   /* empty: the cache is not stored */
+    char folder[CACHE_PATH]; /* the cache folder; empty: the path was given */
+};
+
+/* The view that a cache belongs to. */
+struct cache_view {
+    const char *scene, *camera; /* the scene's file and the camera's name; "": the built-in scene, no name */
+    uint32_t width, height;
+};
+
+/* file: the argument of --cache-file; "": use the cache folder; NULL: do not store the cache. folder: the argument of
+ * --cache-dir; NULL: the default (below). A file in the folder is SCENE.CAMERA-WxH-KEY.transport.
+ * ERR_USAGE, ERR_IO: the place does not exist, and out->path is empty. */
+MUST_CHECK enum err cache_place_find(const struct cache_view *view, const char *file, const char *folder,
+                                     const struct digest *key, struct cache_place *out, struct reason *why);
+
+/* Call it before storing a file of `bytes`: creates the folder and frees room in it. ERR_IO: the folder does not exist
+ * or cannot be written; ERR_RANGE: the file is too large for the cache folder. */
+MUST_CHECK enum err cache_place_prepare(const struct cache_place *p, uint64_t bytes, struct reason *why);
+
+/* ---- The digest of the code ---- */
+
+/* A digest of the code that computes the caches of light transport, made at build time (cache_code.cmake): sources of
+ * the rooms that a cache's bits depend on, and compiler and flags. It is part of a stored cache's key, so that no
+ * build loads a cache that it would compute differently. */
+
+extern const char cache_code[]; /* 64 hexadecimal digits */
+
+/* ---- The folder ---- */
+
+/* The folder of --cache-dir, which several programs and users' services share: files of tables (cache_file.h) whose
+ * names contain a digest of everything they depend on. Its size is limited; the least recently used files are deleted
+ * first. Thread: any. */
+
+#define CACHE_FOLDER_BYTES (UINT64_C(2) * 1000000000) /* limit of all files together */
+#define CACHE_FOLDER_SUFFIX ".transport"              /* of the files that count and that may be deleted */
+
+/* Writes the folder's path into path[size]: `requested`, or, if NULL, the first folder of $CACHE_DIRECTORY (systemd),
+ * else that of base/file_store.h. Creates nothing. ERR_USAGE: no variable names a folder; ERR_IO: the path is too long.
+ */
+MUST_CHECK enum err cache_folder_find(const char *requested, char *path, size_t size, struct reason *why);
+
+/* Creates the folder if it is missing. ERR_IO: it cannot be created, is not a folder, belongs to another user than
+ * this process's or root, or its file system is read-only; the reason names it. */
+MUST_CHECK enum err cache_folder_prepare(const char *path, struct reason *why);
+
+/* As cache_folder_prepare, but a missing folder is no error and is not created. To be called before reading. */
+MUST_CHECK enum err cache_folder_check(const char *path, struct reason *why);
+
+/* Marks a file as used now. Failure only makes it look older. */
+void cache_folder_touch(const char *file);
+
+/* Deletes files, least recently used first, until the others and `more` bytes fit into `limit`, and what killed writers
+ * left. `keep`: a file that is not deleted and not counted; NULL: none. Two programs may do this at the same time.
+ * ERR_RANGE: `more` exceeds the limit by itself; nothing was deleted. */
+MUST_CHECK enum err cache_folder_trim(const char *path, const char *keep, uint64_t more, uint64_t limit,
+                                      struct reason *why);

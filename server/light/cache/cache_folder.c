@@ -1,4 +1,4 @@
-#include "light/cache/cache_folder.h"
+#include "light/cache/cache_file.h"
 
 #include "base/file_store.h"
 #include "base/mem.h"

@@ -1,6 +1,4 @@
-#include "light/cache/cache_place.h"
-
-#include "light/cache/cache_folder.h"
+#include "light/cache/cache_file.h"
 
 #include <ctype.h>
 #include <errno.h>

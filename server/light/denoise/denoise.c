@@ -1,7 +1,6 @@
 #include "light/denoise/denoise.h"
 
 #include "base/mem.h"
-#include "light/denoise/filter.h"
 
 struct denoiser {
     struct filter *filter;

@@ -1,4 +1,4 @@
-#include "light/denoise/filter.h"
+#include "light/denoise/denoise.h"
 
 #include "base/denormals.h"
 #include "base/mem.h"

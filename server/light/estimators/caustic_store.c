@@ -6,8 +6,8 @@
 #include "base/precedence.h"
 #include "base/progress.h"
 #include "base/rng.h"
-#include "light/estimators/particles.h"
-#include "light/estimators/power.h"
+#include "light/estimators/light_tracer.h"
+#include "light/estimators/packed.h"
 #include "sky/tables/sky_split.h"
 
 #include <assert.h>
@@ -24,8 +24,8 @@
 struct part {        /* splats sorted by tile, and by particle within a tile */
     uint64_t number; /* in the sequence, from 1; 0: empty */
     uint32_t *first; /* [tiles + 1] */
-    uint32_t *from;  /* [capacity]: packed direction, as in particles.h */
-    uint32_t *power; /* T: as power.h packs it */
+    uint32_t *from;  /* [capacity]: packed direction, as in light_tracer.h */
+    uint32_t *power; /* T: as packed.h packs it */
     uint16_t *place; /* pixel within the tile, row by row */
     uint32_t count, capacity;
 };

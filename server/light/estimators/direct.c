@@ -5,7 +5,6 @@
 #include "base/mem.h"
 #include "base/progress.h"
 #include "base/rng.h"
-#include "light/estimators/direct_log.h"
 #include "light/estimators/kernels.h"
 
 #include <assert.h>

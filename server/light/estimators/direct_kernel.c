@@ -1,7 +1,7 @@
 /* The kernel of direct light: shades one packet of 16 points. Compiled once per CPU level, see CMakeLists.txt. */
 #include "base/rng.h"
 #include "base/vec.h"
-#include "light/estimators/direct_log.h"
+#include "light/estimators/direct.h"
 #include "light/estimators/kernels.h"
 #include "light/estimators/sky_lanes.h"
 #include "scene/geometry/lane_rays.h"

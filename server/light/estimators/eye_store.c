@@ -5,7 +5,7 @@
 #include "base/half.h"
 #include "base/mem.h"
 #include "light/estimators/eye_paths.h"
-#include "light/estimators/packed_direction.h"
+#include "light/estimators/packed.h"
 #include "sky/tables/sky_split.h"
 
 #include <assert.h>

@@ -38,7 +38,7 @@ struct direct_frame { /* common to all packets of a frame; borrowed */
     const uint32_t
         *numbers;  /* [ceil(brdf_part N_s)][2]: points of the unit square in units of 2^-32, for BRDF samples */
     uint64_t seed; /* shifts the numbers per packet, with its index */
-    struct direct_log *log; /* records the samples of one packet (direct_log.h); may be NULL */
+    struct direct_log *log; /* records the samples of one packet (direct.h); may be NULL */
 };
 
 /* The set of light samples of a packet. */

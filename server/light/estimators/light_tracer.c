@@ -3,7 +3,6 @@
 #include "base/cancel.h"
 #include "base/mem.h"
 #include "base/rng.h"
-#include "light/estimators/particles.h"
 
 #include <assert.h>
 

@@ -19,7 +19,7 @@ enum method {
     METHOD_MLT,           /* likewise by Metropolis light transport: baselines/path.h */
     METHOD_PHOTONS,       /* likewise by photon mapping, biased: baselines/path.h */
     METHOD_VPL,           /* likewise by virtual point lights, biased: baselines/path.h */
-    METHOD_COMPONENTS,    /* likewise as a sum of parts, one a patch of the sky: light/radiance/parts.h */
+    METHOD_COMPONENTS,    /* likewise as a sum of parts, one a patch of the sky: light/radiance/components.h */
     METHOD_CACHED,        /* direct light from the cache, biased: light/cache_direct/transport.h */
     METHOD_AUTO, /* METHOD_MIS with the sun, if any, as a separate stratum, and MIS compensation: never worse in
                     measurements (tests/unit/light/estimators/test_gain.c) */

@@ -1,4 +1,4 @@
-#include "light/estimators/particles.h"
+#include "light/estimators/light_tracer.h"
 
 #include "base/cancel.h"
 #include "base/luminance.h"

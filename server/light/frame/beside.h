@@ -20,7 +20,7 @@
 
 #include "light/denoise/denoise.h"
 #include "light/denoise/accumulation.h"
-#include "light/frame/relight_caustics.h"
+#include "light/frame/relight_cache.h"
 #include "light/frame/relight_passes.h"
 
 struct beside;

@@ -1,4 +1,4 @@
-#include "light/frame/facts.h"
+#include "light/frame/frame_plan.h"
 
 /* The reflectance of a point under a white sky: its diffuse part, plus its lobe at normal incidence. */
 static double albedo_of(const struct shade_packet *p, uint32_t lane)

@@ -2,8 +2,7 @@
 
 #include "base/rng.h"
 #include "light/frame/beside.h"
-#include "light/frame/facts.h"
-#include "light/frame/relight_indirect.h"
+#include "light/frame/relight_cache.h"
 
 /* One bounce between surfaces of this albedo changes a pixel by at most this share of its direct light: below 4 % the
  * change is hardly visible. */

@@ -1,4 +1,4 @@
-#include "light/frame/pilot_internal.h"
+#include "light/frame/pilot.h"
 
 #include <math.h>
 

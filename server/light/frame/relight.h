@@ -94,8 +94,8 @@ struct relight_desc {
     bool cache_if_kept;    /* only load the cache from a file, never compute it; a missing file is not an error */
     bool cache_background; /* compute it while other techniques make images; else the first image waits for it */
     const char
-        *cache_file; /* file to store it for the next run; "": in the folder (light/cache/cache_place.h), NULL: none */
-    const char *cache_dir; /* the cache folder; NULL: the user's or the service's (light/cache/cache_folder.h) */
+        *cache_file; /* file to store it for the next run; "": in the folder (light/cache/cache_file.h), NULL: none */
+    const char *cache_dir; /* the cache folder; NULL: the user's or the service's (light/cache/cache_file.h) */
     bool denoise;          /* filter the light at shade points (denoise.h): each half gets half the samples and paths,
                               but at least one path, and eight samples of direct light alone without `remember`. Not
                               for references */
@@ -105,7 +105,7 @@ struct relight_desc {
     struct progress *progress;         /* a progress line that the image advances by one step; may be NULL. Not for
                                           references */
     const struct relight_whole *whole; /* METHOD_COMPONENTS; NULL: there is none */
-    double audit; /* rays spent on stating the image's error, over its own, and those of light/audit/purse.h. 0: none */
+    double audit; /* rays spent on stating the image's error, over its own, and those of light/audit/audit.h. 0: none */
     bool audit_live;   /* images save their rays up, and an audit tells of later ones too */
     double audit_most; /* of the processor time since the first image, for audits; half of it, while the cache is
                           computed, so that its first image has some left. 0: any */

@@ -1,4 +1,4 @@
-#include "light/frame/relight_builder.h"
+#include "light/frame/relight_cache.h"
 
 #include "base/cancel.h"
 #include "base/clock.h"

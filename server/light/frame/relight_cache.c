@@ -7,7 +7,6 @@
 #include "light/cache/cache_share.h"
 #include "light/cache_direct/live.h"
 #include "light/frame/beside.h"
-#include "light/frame/relight_builder.h"
 
 #include <stdio.h>
 #include <time.h>

@@ -1,4 +1,4 @@
-#include "light/frame/relight_caustics.h"
+#include "light/frame/relight_cache.h"
 
 #include "base/clock.h"
 #include "base/log.h"

@@ -1,4 +1,4 @@
-#include "light/frame/relight_indirect.h"
+#include "light/frame/relight_cache.h"
 
 #include "light/frame/frame_plan.h"
 #include "base/clock.h"

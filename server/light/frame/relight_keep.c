@@ -1,8 +1,7 @@
-#include "light/frame/relight_keep.h"
+#include "light/frame/relight_cache.h"
 
 #include "base/log.h"
-#include "light/cache/cache_folder.h"
-#include "light/cache/cache_place.h"
+#include "light/cache/cache_file.h"
 #include "light/cache/cache_share.h"
 #include "light/cache_direct/transport.h"
 #include "light/cache_indirect/indirect.h"

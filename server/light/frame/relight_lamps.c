@@ -6,7 +6,7 @@
 #include "base/process.h"
 #include "base/progress.h"
 #include "base/rng.h"
-#include "light/denoise/filter.h"
+#include "light/denoise/denoise.h"
 #include "light/resolve/resolve.h"
 
 #include <omp.h>

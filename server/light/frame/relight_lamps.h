@@ -2,7 +2,7 @@
  * (scene/lamps/lamps.h). It does not depend on the sky, so it is computed once per scene, camera and seed and then
  * kept: image = the sky's part + scale * the lamps' part. Either the caller or a separate thread refines it in batches.
  * The same number of samples gives the same bits, at any number of threads. Filtered, it comes as two halves with seeds
- * of their own (light/denoise/filter.h); what the camera sees of the emitters themselves is never filtered. */
+ * of their own (light/denoise/denoise.h); what the camera sees of the emitters themselves is never filtered. */
 #pragma once
 
 #include "light/frame/relight.h"

@@ -4,7 +4,6 @@
 
 #include "light/frame/relight.h"
 #include "light/frame/relight_cache.h"
-#include "light/frame/relight_caustics.h"
 #include "light/frame/relight_passes.h"
 
 struct light_team;

@@ -5,7 +5,7 @@
 #include "base/mem.h"
 #include "base/progress.h"
 #include "import/reader/reader.h"
-#include "light/frame/facts.h"
+#include "light/frame/frame_plan.h"
 #include "scene/geometry/ground.h"
 
 #include <omp.h>

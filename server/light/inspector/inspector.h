@@ -1,12 +1,12 @@
 /* Explains the light of one pixel. Splits the estimate of direct light at the pixel's heaviest shading point into its
  * samples, as in [LPG13, Fig. 1], maps the visibility from there, and computes a reference with many more samples.
- * The samples are those of direct_shade itself, recorded by direct_log.h: with the frame's own method, samples, seed
+ * The samples are those of direct_shade itself, recorded by direct.h: with the frame's own method, samples, seed
  * and pass they add up to the frame's value. No data of the renderer is modified. Deterministic. Thread: one per
  * struct inspection. */
 #pragma once
 
 #include "light/estimators/direct.h"
-#include "light/estimators/direct_log.h"
+#include "light/frame/relight.h"
 #include "scene/geometry/view.h"
 #include "scene/surface/scatter.h"
 
@@ -110,3 +110,46 @@ void inspect_map_direction(uint32_t column, uint32_t row, float w[3]);
 /* Fills a->parts. Of *a it reads `reference`, which includes the background, and `background`. desc must not use the
  * preset. ERR_NOMEM. */
 MUST_CHECK enum err inspect_divide(const struct inspect_desc *desc, struct inspect_result *a);
+
+/* ---- Reports ---- */
+
+/* The report on where a pixel's light comes from: the JSON that relightd sends in reply to `inspection` and
+ * relight-render prints for --probe (protocol/PROTOCOL.md 4.16). Thread: one per struct inspector. */
+
+#define INSPECT_SKY_WIDTH 256 /* size of the sky image, lat-long */
+#define INSPECT_SKY_HEIGHT 128
+#define INSPECT_TEXT_MAX ((size_t)60 << 10) /* bytes of a report, which omits the sky image if it would not fit */
+
+struct inspect_request {
+    uint32_t x, y;    /* must lie in the image */
+    uint32_t samples; /* 1..INSPECT_SAMPLES_MAX; 0: those of `light` */
+    bool figure;      /* use the preset of probe.h */
+    bool sky;         /* include the sky image */
+};
+
+/* What the scene's own lamps give the pixel. */
+struct probe_lamps {
+    double scale; /* that the image has of them */
+    float rgb[3]; /* their radiance at scale 1 */
+};
+
+struct inspector;
+
+/* set and kernels must outlive the prober. NULL: out of memory. */
+struct inspector *inspector_create(const struct prepared_scene *set, const struct kernels *kernels);
+void inspector_destroy(struct inspector *p); /* NULL is allowed */
+
+/* light: the settings that rendered the image; rgb: the image, float[height][width][3], or NULL; lamps: NULL if
+ * the scene has none. On ERR_OK *text is a JSON object that the caller frees with mem_free. ERR_NOMEM; errors of
+ * inspect_run. */
+MUST_CHECK enum err inspector_report(struct inspector *p, const struct environment *e, const struct relight_desc *light,
+                                     const struct inspect_request *q, const float *rgb, const struct probe_lamps *lamps,
+                                     char **text);
+
+/* The sky image alone, as the JSON object of PROTOCOL.md 4.16.10. The caller frees *text with mem_free. ERR_NOMEM. */
+MUST_CHECK enum err inspector_sky(struct inspector *p, const struct environment *e, char **text);
+
+/* As inspector_report, printed as one line to standard output. Also ERR_IO. */
+MUST_CHECK enum err inspector_print(struct inspector *p, const struct environment *e, const struct relight_desc *light,
+                                    const struct inspect_request *q, const float *rgb, const struct probe_lamps *lamps,
+                                    struct reason *why);

@@ -1,4 +1,4 @@
-#include "light/inspector/inspector_report.h"
+#include "light/inspector/inspector.h"
 
 #include "base/mem.h"
 #include "base/text.h"

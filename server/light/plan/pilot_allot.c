@@ -1,4 +1,4 @@
-#include "light/plan/pilot_allot.h"
+#include "light/plan/pilot_measure.h"
 
 #include "base/mem.h"
 

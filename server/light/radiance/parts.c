@@ -1,4 +1,4 @@
-#include "light/radiance/parts.h"
+#include "light/radiance/components.h"
 
 #include "base/file_store.h"
 #include "base/half.h"

@@ -1,4 +1,4 @@
-#include "light/radiance/parts.h"
+#include "light/radiance/components.h"
 
 #include "base/mem.h"
 #include "base/vec.h"

@@ -1,6 +1,5 @@
 #include "measure/chart/judge.h"
 
-#include "measure/compare/flip.h"
 #include "measure/compare/metrics.h"
 
 #include <math.h>

@@ -77,7 +77,7 @@ enum error_kind {
     ERROR_REL_MSE, /* against two references, of all pixels with surfaces: judge.h */
     ERROR_NOISE,   /* the part of it that changes with the seed; independent of the references */
     ERROR_DELTA_E, /* mean CIE76 after one fixed tone map: measure/compare/metrics.h. Includes the references' noise */
-    ERROR_FLIP,    /* mean FLIP under the same exposure: measure/compare/flip.h. Likewise */
+    ERROR_FLIP,    /* mean FLIP under the same exposure: measure/compare/metrics.h. Likewise */
     ERROR_KINDS,
 };
 

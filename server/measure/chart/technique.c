@@ -1,4 +1,4 @@
-#include "measure/chart/technique.h"
+#include "measure/chart/panel.h"
 
 #include "base/clock.h"
 #include "base/rng.h"

@@ -1,4 +1,4 @@
-#include "measure/compare/flicker.h"
+#include "measure/compare/metrics.h"
 
 #include <stdlib.h>
 

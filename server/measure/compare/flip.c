@@ -1,4 +1,4 @@
-#include "measure/compare/flip.h"
+#include "measure/compare/metrics.h"
 
 #include "base/mem.h"
 #include "base/vec.h"

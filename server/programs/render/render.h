@@ -8,7 +8,7 @@
 #include "image/output/output.h"
 #include "job/ranks/ranks.h"
 #include "light/frame/decide.h"
-#include "light/inspector/inspector_report.h"
+#include "light/inspector/inspector.h"
 #include "relightd/settings/settings.h"
 
 struct render_desc {

@@ -2,7 +2,6 @@
 #pragma once
 
 #include "base/progress.h"
-#include "job/team/share.h"
 #include "job/team/team.h"
 #include "light/frame/changes.h"
 #include "light/frame/relight_lamps.h"

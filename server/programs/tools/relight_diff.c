@@ -9,8 +9,6 @@
 #include "image/codec/encode.h"
 #include "image/film/film.h"
 #include "measure/compare/error_map.h"
-#include "measure/compare/flicker.h"
-#include "measure/compare/flip.h"
 #include "measure/compare/metrics.h"
 
 #include <inttypes.h>

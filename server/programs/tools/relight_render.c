@@ -4,7 +4,6 @@
 #include "import/sandbox/helper_process.h"
 #include "light/frame/part.h"
 #include "light/radiance/components.h"
-#include "light/radiance/parts.h"
 #include "programs/render/render.h"
 #include "relightd/settings/settings.h"
 #include "sky/source/sky.h"

@@ -26,9 +26,7 @@ void encode_image(struct encode_thread *t, struct shaded *in);
 /* Waits for the thread, which ends when the images' handoff is closed. Main thread. NULL is allowed. */
 void encode_thread_destroy(struct encode_thread *t);
 
-/* ---- Private to encode*.c ---- */
-
-/* The encode thread's private data. Only encode*.c include this. */
+/* The encode thread's private data. Only encode*.c use it. */
 
 /* An H.264 track of one size and rate (net/stream/server.h). */
 struct video_track {

@@ -24,9 +24,7 @@ void ingest_thread_go_on(struct ingest_thread *t);
 /* Waits for the thread, which ends when shared_is_stopping. Main thread. NULL is allowed. */
 void ingest_thread_destroy(struct ingest_thread *t);
 
-/* ---- Private to ingest*.c ---- */
-
-/* The ingest thread's private data. Only ingest*.c include this. */
+/* The ingest thread's private data. Only ingest*.c use it. */
 
 struct ingest_thread {
     struct shared *shared;

@@ -2,7 +2,7 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "light/radiance/parts.h"
+#include "light/radiance/components.h"
 
 #include <math.h>
 #include <time.h>

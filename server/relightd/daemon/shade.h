@@ -9,7 +9,7 @@
 #include "light/frame/refine.h"
 #include "light/frame/relight.h"
 #include "light/frame/relight_lamps.h"
-#include "light/inspector/inspector_report.h"
+#include "light/inspector/inspector.h"
 #include "relightd/daemon/shared.h"
 
 #include <pthread.h>
@@ -54,9 +54,7 @@ MUST_CHECK enum err shade_thread_turn(struct shade_thread *t, struct reason *why
 /* Call it after the encode thread has ended. NULL is allowed. */
 void shade_thread_destroy(struct shade_thread *t);
 
-/* ---- Private to the shade thread's files ---- */
-
-/* The shade thread's private data. Only shade.c, refine.c, camera.c and probe.c include this. */
+/* The shade thread's private data. Only the files of the shade thread use it. */
 
 /* ---- cost.c ---- */
 

@@ -1,5 +1,5 @@
 /* Data shared by the threads of relightd. All other data belongs to one thread: ingest.h, shade.h, encode.h,
- * service_manager.h, service_manager.h. */
+ * service_manager.h. */
 #pragma once
 
 #include "base/err.h"

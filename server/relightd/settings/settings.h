@@ -6,7 +6,7 @@
 #include "base/command.h"
 #include "image/film/film.h"
 #include "light/frame/relight.h"
-#include "light/inspector/inspector_report.h"
+#include "light/inspector/inspector.h"
 #include "sky/source/source.h"
 
 /* What controllers may change while relightd runs, and what it is at the start. */

@@ -1,5 +1,5 @@
 /* Resampling from a source layout to the cube map: a sparse matrix of the solid angles in which source and cube texels
- * overlap, computed once per layout, size and rotation (resample.h) and applied to every frame. A constant sky
+ * overlap, computed once per layout, size and rotation and applied to every frame. A constant sky
  * stays constant, and each source texel's energy is conserved, both to 1e-5. Directions that a layout does not cover (a
  * fisheye's lower hemisphere) get the mean of the covered ones [LPG13, 3]. An image of many more texels than the cube
  * map can use is first reduced to blocks of factor x factor texels, weighted by solid angle, so that the table stays

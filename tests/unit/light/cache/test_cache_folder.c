@@ -1,6 +1,5 @@
 /* The folder of kept files: where it is, whose it is, and what goes first when it is full. */
-#include "light/cache/cache_folder.h"
-#include "light/cache/cache_place.h"
+#include "light/cache/cache_file.h"
 #include "support/kept.h"
 
 #include <fcntl.h>

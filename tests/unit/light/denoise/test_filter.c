@@ -1,6 +1,6 @@
 /* The filter on made-up surfaces: what it must leave alone, what it must average, and what it must not mix. Light of
  * known mean and variance gives each claim a closed form. */
-#include "light/denoise/filter.h"
+#include "light/denoise/denoise.h"
 #include "light/denoise/filter_kernel.h"
 
 #include "base/mem.h"

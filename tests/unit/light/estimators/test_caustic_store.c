@@ -12,8 +12,8 @@
 #include "light/estimators/worlds.h"
 
 #include "light/estimators/caustic_store.h"
-#include "light/estimators/particles.h"
-#include "light/estimators/power.h"
+#include "light/estimators/light_tracer.h"
+#include "light/estimators/packed.h"
 #include "sky/tables/sky_split.h"
 
 #include <omp.h>

@@ -1,7 +1,7 @@
 /* The shares of [LPG13, Eq. 3], mu_f(n) = F_f(n) I_f / sum, against numbers worked out by hand: F_f is the sum of the
  * clamped cosines of a cell's four corners, I_f its light. Skies of one radiance per face; the corners of a face lie
  * along (+-1, +-1, +-1) / sqrt 3. */
-#include "light/estimators/direct_log.h"
+#include "light/estimators/direct.h"
 #include "light/estimators/levels.h"
 #include "light/estimators/points.h"
 

@@ -2,7 +2,7 @@
 
 #include "base/rng.h"
 #include "light/denoise/accumulation.h"
-#include "light/frame/relight_indirect.h"
+#include "light/frame/relight_cache.h"
 #include "light/frame/stage.h"
 #include "measure/compare/metrics.h"
 

@@ -1,7 +1,6 @@
 /* light/audit/audit.h against images whose error is known: t is a formula, and e has noise of a known variance. */
 #include "base/rng.h"
 #include "light/audit/audit.h"
-#include "light/audit/purse.h"
 #include "light/frame/stage.h"
 
 #include <math.h>
@@ -302,7 +301,7 @@ static void bounds_allow_for_what_was_not_met(void **state)
     mem_free(w);
 }
 
-/* The numbers of purse.h by hand. */
+/* The numbers of audit.h by hand. */
 static void live_images_save_rays_up(void **state)
 {
     struct environment e = { .energy = { 1.0, 2.0, 3.0, 2.0, 1.0, 1.0 }, .total_energy = 10.0 };

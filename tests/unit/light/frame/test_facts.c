@@ -1,5 +1,5 @@
 /* The figures by which the plan decides, on skies and sets whose figures are known. */
-#include "light/frame/facts.h"
+#include "light/frame/frame_plan.h"
 
 #include "light/frame/relight.h"
 #include "support/sets.h"

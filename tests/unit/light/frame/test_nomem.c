@@ -4,12 +4,12 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "image/codec/encode.h"
-#include "light/cache/cache_place.h"
+#include "light/cache/cache_file.h"
 #include "light/estimators/points.h"
 #include "light/frame/pilot.h"
 #include "light/frame/relight.h"
 #include "light/frame/refine.h"
-#include "light/inspector/inspector_report.h"
+#include "light/inspector/inspector.h"
 
 enum { WIDTH = 32, HEIGHT = 18 };
 

@@ -2,9 +2,9 @@
 #include "light/estimators/points.h"
 #include "light/frame/decide.h"
 #include "light/frame/layers.h"
-#include "light/frame/pilot_internal.h"
-#include "light/frame/relight_builder.h"
+#include "light/frame/pilot.h"
 #include "light/frame/refine.h"
+#include "light/frame/relight_cache.h"
 #include "support/sets.h"
 
 static void assert_near(double got, double want, double allowed)

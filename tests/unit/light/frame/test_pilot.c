@@ -1,6 +1,6 @@
 /* What the pilot chooses, by a price list instead of a clock, so that it is the same everywhere: the built-in court,
  * and a card under a mirror ring where casters are wanted. */
-#include "light/frame/pilot_internal.h"
+#include "light/frame/pilot.h"
 #include "light/frame/pilots.h"
 
 #include <math.h>

@@ -1,6 +1,6 @@
 /* A probe's report is JSON that fits, whatever is asked; and its flags. */
 #include "base/setting_table.h"
-#include "light/inspector/inspector_report.h"
+#include "light/inspector/inspector.h"
 #include "relightd/settings/settings.h"
 
 #include "light/frame/relight.h"

@@ -1,6 +1,6 @@
 /* Who gets how many samples: planted hardness, so that the best is known. */
 #include "light/frame/pilots.h"
-#include "light/plan/pilot_allot.h"
+#include "light/plan/pilot_measure.h"
 
 #include <math.h>
 #include <string.h>

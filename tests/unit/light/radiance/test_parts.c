@@ -2,7 +2,7 @@
 #include "base/rng.h"
 #include "image/codec/encode.h"
 #include "light/estimators/points.h"
-#include "light/radiance/parts.h"
+#include "light/radiance/components.h"
 #include "sky/daylight/reinhart.h"
 #include "support/sets.h"
 #include "support/skies.h"
