@@ -1,5 +1,5 @@
-/* This process and its system: what it uses, the threads it may start, what it tells the service manager. Resource usage
- * is as the system reports it. Thread: any. */
+/* This process and its system: what it uses, the threads it may start, what it tells the service manager. Resource
+ * usage is as the system reports it. Thread: any. */
 #pragma once
 
 #include "base/err.h"

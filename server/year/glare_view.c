@@ -1,4 +1,4 @@
-#include "year/annual_internal.h"
+#include "year/annual.h"
 
 #include "base/mem.h"
 #include "base/vec.h"

@@ -1,4 +1,4 @@
-#include "year/annual_internal.h"
+#include "year/annual.h"
 
 #include "base/file_store.h"
 #include "base/mem.h"

@@ -1,6 +1,6 @@
 /* Writes rows in chronological order, whichever rank of a job has lit the moments, because measures are sums, and
  * because --resume continues after the first rows. */
-#include "year/annual_internal.h"
+#include "year/annual.h"
 
 #include "base/mem.h"
 

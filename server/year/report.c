@@ -1,4 +1,4 @@
-#include "year/annual_internal.h"
+#include "year/annual.h"
 
 #include "base/log.h"
 #include "base/text.h"

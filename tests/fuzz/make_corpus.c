@@ -8,17 +8,17 @@
 
 #define RGBE "FORMAT=32-bit_rle_rgbe"
 
-static const struct exr_channel rgb[] = {
+static const struct made_channel rgb[] = {
     { "B", EXR_PIXEL_HALF }, { "G", EXR_PIXEL_HALF }, { "R", EXR_PIXEL_HALF }, { NULL, EXR_PIXEL_HALF }
 };
-static const struct exr_channel mixed[] = {
+static const struct made_channel mixed[] = {
     { "A", EXR_PIXEL_UINT },  { "B", EXR_PIXEL_HALF }, { "G", EXR_PIXEL_FLOAT },
     { "R", EXR_PIXEL_FLOAT }, { "Z", EXR_PIXEL_HALF }, { NULL, EXR_PIXEL_HALF }
 };
-static const struct exr_channel layer[] = {
+static const struct made_channel layer[] = {
     { "sky.B", EXR_PIXEL_FLOAT }, { "sky.G", EXR_PIXEL_HALF }, { "sky.R", EXR_PIXEL_HALF }, { NULL, EXR_PIXEL_HALF }
 };
-static const struct exr_channel grey[] = { { "Y", EXR_PIXEL_HALF }, { NULL, EXR_PIXEL_HALF } };
+static const struct made_channel grey[] = { { "Y", EXR_PIXEL_HALF }, { NULL, EXR_PIXEL_HALF } };
 static const float aces[8] = { 0.713f, 0.293f, 0.165f, 0.830f, 0.128f, 0.044f, 0.32168f, 0.33767f };
 
 static const struct hdr_recipe hdrs[] = {

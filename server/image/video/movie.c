@@ -3,7 +3,6 @@
 #include "base/file_store.h"
 #include "base/mem.h"
 #include "image/video/ffmpeg.h"
-#include "image/video/mux.h"
 #include "image/video/yuv.h"
 
 #include <math.h>

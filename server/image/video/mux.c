@@ -1,4 +1,4 @@
-#include "image/video/mux.h"
+#include "image/video/movie.h"
 
 #include "base/file_store.h"
 #include "base/mem.h"

@@ -10,8 +10,8 @@
 
 /* ---- Messages ---- */
 
-/* Messages between relightd and relight-decoder (import/sandbox/helper_process.h). File bytes and texels are exchanged through
- * two blocks of shared memory. Private to this room. */
+/* Messages between relightd and relight-decoder (import/sandbox/helper_process.h). File bytes and texels are exchanged
+ * through two blocks of shared memory. Private to this room. */
 
 enum { WIRE_FILE = WIRE_SOCKET + 1, WIRE_PICTURE }; /* descriptors that the process starts with */
 

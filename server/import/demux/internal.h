@@ -1,5 +1,5 @@
-/* Messages between a program and relight-demux (import/sandbox/helper_process.h). A packet's bytes are passed through shared
- * memory. Private to this room. */
+/* Messages between a program and relight-demux (import/sandbox/helper_process.h). A packet's bytes are passed through
+ * shared memory. Private to this room. */
 #pragma once
 
 #include "base/err.h"

@@ -1,5 +1,5 @@
-/* Messages between a program and its relight-reader (import/sandbox/helper_process.h). The scene itself goes through a piece of
- * shared memory (wire.h). Private to this room. */
+/* Messages between a program and its relight-reader (import/sandbox/helper_process.h). The scene itself goes through a
+ * piece of shared memory (wire.h). Private to this room. */
 #pragma once
 
 #include "base/err.h"

@@ -1,5 +1,5 @@
 /* What ranks must have in common: their images would differ otherwise. */
-#include "job/ranks/ranks_internal.h"
+#include "job/ranks/ranks.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -4,7 +4,6 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "job/ranks/ranks_internal.h"
 
 #include <mpi.h>
 #include <pthread.h>

@@ -1,7 +1,5 @@
 #include "job/ranks/ranks.h"
 
-#include "job/ranks/ranks_internal.h"
-
 #pragma GCC diagnostic ignored "-Wunused-parameter" /* nothing is done with them */
 
 bool ranks_available(void)

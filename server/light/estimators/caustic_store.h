@@ -5,9 +5,9 @@
  * direction it came from. A splat is therefore stored as that direction w, its pixel, and its throughput
  * T = f(o, w_i) ... / (p_w p_y), its contribution for radiance 1, and a frame is
  *     Lo(pixel) = 1/N  sum over the pixel's splats of  L(w) T.
- * Directions are uniform over the sphere, p_w = 1 / (4 pi), and lines as in start.h; tracing does not use the sky. The
- * store is thus independent of the sky, and each image is unbiased: its mean over stores (seeds) is the limit of
- * light_tracer.h. The store holds only splats; paths that the camera does not see only count towards N.
+ * Directions are uniform over the sphere, p_w = 1 / (4 pi), and lines as in light_tracer.h; tracing does not use the
+ * sky. The store is thus independent of the sky, and each image is unbiased: its mean over stores (seeds) is the limit
+ * of light_tracer.h. The store holds only splats; paths that the camera does not see only count towards N.
  *
  * Few of these paths hit a small bright sun. Separate particles (light_tracer_desc.bright) therefore carry the light
  * above the level of sky/tables/sky_split.h, and the store uses the lower part's share of L. The two add up to L.
@@ -21,7 +21,7 @@
 #pragma once
 
 #include "base/err.h"
-#include "light/estimators/start.h"
+#include "light/estimators/light_tracer.h"
 #include "scene/geometry/rays.h"
 #include "scene/geometry/scene.h"
 #include "scene/geometry/view.h"

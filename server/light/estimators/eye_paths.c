@@ -7,7 +7,7 @@
 #include "base/progress.h"
 #include "base/vec.h"
 #include "scene/geometry/scatter_hit.h"
-#include "scene/surface/path_ray.h"
+#include "scene/surface/lobe.h"
 #include "sky/tables/samples.h"
 
 #include <assert.h>

@@ -1,10 +1,9 @@
-#include "light/estimators/eye_store.h"
+#include "light/estimators/eye_paths.h"
 
 #include "base/cancel.h"
 #include "base/denormals.h"
 #include "base/half.h"
 #include "base/mem.h"
-#include "light/estimators/eye_paths.h"
 #include "light/estimators/packed.h"
 #include "sky/tables/sky_split.h"
 

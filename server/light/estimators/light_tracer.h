@@ -2,9 +2,9 @@
  * [DH09]: it finds caustics, which eye paths miss under a sun, and indirect light (paths.h).
  *
  * A particle starts with flux L / (p_w p_y) / N: its direction is sampled from the whole sky (environment_sample), its
- * line from boxes (start.h): those of the specular casters if only caustics and their indirect light are requested,
- * else the scene's. At a hit, let wi point back to where the particle came from, w to where it continues, and n_s, n_g
- * be the shading and geometric normals:
+ * line from boxes (struct start, below): those of the specular casters if only caustics and their indirect light are
+ * requested, else the scene's. At a hit, let wi point back to where the particle came from, w to where it continues,
+ * and n_s, n_g be the shading and geometric normals:
  *  - at a rough lobe f, the camera receives flux f(wo, wi) |wi.n_s| / |wi.n_g| |wo.n_g| times its response (view.h), if
  *    unoccluded: one splat, on the pixel that sees the point;
  *  - the particle continues by the rough lobe with f(w, wi) |wi.n_s| |w.n_g| / (|wi.n_g| pdf) of its flux, where every
@@ -16,9 +16,9 @@
 #pragma once
 
 #include "base/err.h"
+#include "base/vec.h"
 #include "light/estimators/packed.h"
 #include "light/estimators/paths.h"
-#include "light/estimators/start.h"
 #include "scene/geometry/rays.h"
 #include "scene/geometry/scene.h"
 #include "scene/geometry/view.h"
@@ -26,7 +26,57 @@
 #include "sky/tables/sky_split.h"
 
 #include <stdatomic.h>
+#include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
+
+/* ---- Where paths start ---- */
+
+/* Where light paths from the environment start [DH09, section 3]: for a direction, samples a line of light that hits
+ * given boxes. The density is per square metre perpendicular to the direction.
+ *
+ * Several boxes form a mixture: a box is selected in proportion to the area of its shape, a position in it uniformly,
+ * so that p = (number of shapes that the line crosses) / (sum of their areas). Every line that hits a box is possible.
+ * Thread: any. */
+
+enum start_kind {
+    START_FACES, /* the visible faces of a box, by projected area: exactly its silhouette */
+    START_QUAD,  /* the minimum-area rectangle around the projected box [DH09, Fig. 3] */
+    START_DISC,  /* the projected bounding sphere [Pharr and Humphreys 2004, section 14.2] */
+};
+
+#define START_BOXES_MAX 32 /* bounds arrays on the stack: start_join joins the others */
+
+struct start_shape {
+    double centre[3], half[3]; /* of the box */
+    double face[3];            /* START_FACES: projected area of the visible face per axis */
+    double side[2][3];         /* START_QUAD: two unit vectors */
+    double reach[2];           /* START_QUAD: half the edges along them; START_DISC: the radius */
+};
+
+struct start { /* the setup for one direction */
+    enum start_kind kind;
+    double along[3]; /* unit, the direction in which light travels */
+    double area;     /* m^2, total of the shapes */
+    double low[3], high[3];
+    uint32_t count;
+    double areas[START_BOXES_MAX]; /* m^2, perpendicular to the direction */
+    struct start_shape shapes[START_BOXES_MAX];
+};
+
+/* Sets up a direction. boxes: 1..START_BOXES_MAX, possibly flat. bounds: the scene's, which contains all boxes. along:
+ * unit. */
+void start_init(struct start *s, enum start_kind kind, const struct box *boxes, uint32_t count,
+                const struct box *bounds, struct vec3 along);
+
+/* Samples a line along `along` from x in [0, 1)^2 and returns a point on it outside the scene's bounds, so that the ray
+ * hits any occluder. False if there is nothing to hit: the line misses the bounds (*density is set), or no shape has an
+ * area. */
+bool start_sample(const struct start *s, const double x[2], struct vec3 *origin, double *density);
+
+/* Reduces the boxes, in place, to at most START_BOXES_MAX by joining the pairs whose common box adds the least surface
+ * area. Returns the number left. */
+uint32_t start_join(struct box *boxes, size_t count);
 
 /* Lines per direction. On the ring scene, the variance of an image is the same within measurement error
  * from 1 to 64, under a sun and under an overcast sky, and a particle takes half as long at 16 as at 1. */

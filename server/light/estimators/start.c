@@ -1,4 +1,4 @@
-#include "light/estimators/start.h"
+#include "light/estimators/light_tracer.h"
 
 #include <assert.h>
 #include <math.h>

@@ -3,7 +3,7 @@
 #include "base/cancel.h"
 #include "base/mem.h"
 #include "base/rng.h"
-#include "light/resolve/backplate.h"
+#include "light/resolve/resolve.h"
 
 #include <math.h>
 #include <string.h>

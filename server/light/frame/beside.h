@@ -13,7 +13,7 @@
  * still one, get all slices at once.
  *
  * Splats on pixels without such a point are added to the image unfiltered, as the mean of the images under one sky.
- * With a ground (backplate.h), splats on it go to points of the ground, and the others to other points. Stored paths
+ * With a ground (resolve.h), splats on it go to points of the ground, and the others to other points. Stored paths
  * follow the sky without a history; their two halves are filtered together with the history's. One thread of control.
  */
 #pragma once
@@ -21,7 +21,7 @@
 #include "light/denoise/denoise.h"
 #include "light/denoise/accumulation.h"
 #include "light/frame/relight_cache.h"
-#include "light/frame/relight_passes.h"
+#include "light/frame/frame_plan.h"
 
 struct beside;
 

@@ -4,7 +4,7 @@
 #include "base/rng.h"
 #include "light/denoise/denoise.h"
 #include "light/estimators/method.h"
-#include "light/frame/relight_passes.h"
+#include "light/frame/frame_plan.h"
 #include "sky/tables/sky_table.h"
 
 #include <math.h>

@@ -7,7 +7,7 @@
  * image that needs these at its shade points is not distributed. Thread: the relighter's. */
 #pragma once
 
-#include "light/frame/relight_passes.h"
+#include "light/frame/frame_plan.h"
 
 struct cache_share;
 

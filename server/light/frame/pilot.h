@@ -1,10 +1,10 @@
 /* METHOD_AUTO with a time or an error: the estimators of the rules (light/plan/plan.h), with counts by measurement. The
- * frame's time is divided so that the error is least (light/plan/budget.h). No part is ever left out.
+ * frame's time is divided so that the error is least (light/plan/pilot_measure.h). No part is ever left out.
  *
  * Measurements. The pilot shades a group of pixels, spread over the image, twice with its own random numbers. Half of
  * the squared difference is the variance of each, relative as relMSE is. Groups take turns. The differences within a
- * group show which pixels are difficult: they get more samples and eye paths (light/plan/pilot_measure.h). Particles run
- * in two halves, whose mean is the image and whose difference gives the error. The clock times whole images.
+ * group show which pixels are difficult: they get more samples and eye paths (light/plan/pilot_measure.h). Particles
+ * run in two halves, whose mean is the image and whose difference gives the error. The clock times whole images.
  *
  * The first frame begins with a quick image and measures the whole of it; both count as its time. If the time pays
  * for no more, the quick image is the frame. Later frames spend three tenths of their time on measurements until each
@@ -16,9 +16,8 @@
  * Counts depend on the clock, so the same input does not give the same bits. Thread: the relighter's. */
 #pragma once
 
+#include "light/frame/frame_plan.h"
 #include "light/frame/relight.h"
-#include "light/frame/relight_passes.h"
-#include "light/plan/budget.h"
 #include "light/plan/pilot_measure.h"
 
 /* relMSE of the court's denoised images with few samples, in all light: a lower one is expected of the samples alone,

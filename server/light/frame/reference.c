@@ -1,7 +1,7 @@
 #include "light/frame/relighter.h"
 
 #include "light/estimators/baselines/path.h"
-#include "light/resolve/backplate.h"
+#include "light/resolve/resolve.h"
 
 #include <assert.h>
 

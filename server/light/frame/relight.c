@@ -7,7 +7,7 @@
 #include "light/denoise/denoise.h"
 #include "light/frame/beside.h"
 #include "light/frame/relighter.h"
-#include "light/resolve/backplate.h"
+#include "light/resolve/resolve.h"
 
 #define HALF_LEAST 8 /* of direct light alone without a history: with fewer, the filter loses at equal time */
 

@@ -9,7 +9,6 @@
 #include "light/estimators/caustic_store.h"
 #include "light/estimators/direct.h"
 #include "light/estimators/eye_paths.h"
-#include "light/estimators/eye_store.h"
 #include "light/estimators/kernels.h"
 #include "light/estimators/light_tracer.h"
 #include "light/plan/plan.h"
@@ -180,7 +179,7 @@ MUST_CHECK enum err relighter_run(struct relighter *r, const struct environment 
                                   float *rgb, struct relight_stats *stats);
 
 /* With a ground: from now on keeps the data that relighter_split needs to composite images over other backgrounds
- * (backplate.h). ERR_NOMEM. */
+ * (resolve.h). ERR_NOMEM. */
 MUST_CHECK enum err relighter_keep_backplate(struct relighter *r);
 
 /* Splits the last image, which no reference method may have made, as backplate_split does. */

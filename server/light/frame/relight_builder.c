@@ -8,7 +8,7 @@
 #include "base/process.h"
 #include "base/rng.h"
 #include "light/cache/memory.h"
-#include "light/estimators/eye_store.h"
+#include "light/estimators/eye_paths.h"
 #include "light/frame/beside.h"
 #include "light/estimators/caustic_store.h"
 #include "light/frame/frame_plan.h"

@@ -1,5 +1,5 @@
-/* The relighter's caches: of direct light, of indirect light and of caustics; the file that stores the first two; the thread
- * that computes them beside images. Thread: one, unless noted. */
+/* The relighter's caches: of direct light, of indirect light and of caustics; the file that stores the first two; the
+ * thread that computes them beside images. Thread: one, unless noted. */
 #pragma once
 
 #include "base/digest.h"
@@ -8,7 +8,7 @@
 #include "light/cache_direct/live.h"
 #include "light/cache_direct/transport.h"
 #include "light/cache_indirect/indirect.h"
-#include "light/estimators/eye_store.h"
+#include "light/estimators/eye_paths.h"
 #include "light/frame/relight.h"
 #include "sky/tables/sky_split.h"
 
@@ -142,7 +142,7 @@ MUST_CHECK enum err relight_caustics_run(struct relight_caustics *c, struct ligh
                                          const struct environment *e, const struct relight_desc *desc, float *rgb,
                                          struct relight_stats *stats);
 
-/* Stores eye paths of these classes at points behind mirrors and glass (eye_store.h), 8 for each of `paths`, if they
+/* Stores eye paths of these classes at points behind mirrors and glass (eye_paths.h), 8 for each of `paths`, if they
  * are missing, and adds the milliseconds to *ms. ERR_NOMEM. */
 MUST_CHECK enum err relight_caustics_make_behind(struct relight_caustics *c, const struct prepared_scene *set,
                                                  const struct relight_desc *desc, uint32_t classes, uint32_t paths,
@@ -154,7 +154,8 @@ void relight_caustics_behind(const struct relight_caustics *c, const struct envi
 
 /* ---- The cache of light transport ---- */
 
-/* The light transport cache of `--method cached`, loaded or computed before the relighter's first frame, or on request. */
+/* The light transport cache of `--method cached`, loaded or computed before the relighter's first frame, or on request.
+ */
 
 struct relight_cache {                /* zero it first */
     struct transport *transport;      /* the builder's if there is one */
@@ -240,7 +241,7 @@ struct transport_live *relight_builder_live(struct relight_builder *b);
  * destroys the builder. Thread: any. */
 struct indirect_cache *relight_builder_take(struct relight_builder *b);
 
-/* Two halves of the eye paths behind mirrors and glass of live images (eye_store.h); NULL: not there, or not wanted.
+/* Two halves of the eye paths behind mirrors and glass of live images (eye_paths.h); NULL: not there, or not wanted.
  * They are the builder's. Thread: any. */
 const struct eye_store *const *relight_builder_behind(const struct relight_builder *b);
 

@@ -1,4 +1,4 @@
-#include "light/frame/relight_passes.h"
+#include "light/frame/frame_plan.h"
 
 #include "base/cancel.h"
 #include "base/clock.h"
@@ -10,7 +10,6 @@
 #include "light/frame/beside.h"
 #include "light/frame/part.h"
 #include "light/frame/relighter.h"
-#include "light/resolve/backplate.h"
 #include "light/resolve/resolve.h"
 
 #include <string.h>

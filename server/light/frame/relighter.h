@@ -2,9 +2,9 @@
  * relighter's. */
 #pragma once
 
+#include "light/frame/frame_plan.h"
 #include "light/frame/relight.h"
 #include "light/frame/relight_cache.h"
-#include "light/frame/relight_passes.h"
 
 struct light_team;
 struct stated;
@@ -45,7 +45,7 @@ MUST_CHECK enum err reference_run(const struct prepared_scene *set, const struct
 /* ---- stated.c ---- */
 
 /* Audits the relighter's images and states their error (light/audit/audit.h): relighter_state_error of
- * relight_passes.h. Private to this room. Thread: the relighter's. */
+ * frame_plan.h. Private to this room. Thread: the relighter's. */
 
 struct stated;
 void stated_destroy(struct stated *s); /* NULL is allowed */

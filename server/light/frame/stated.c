@@ -8,7 +8,6 @@
 #include "light/denoise/accumulation.h"
 #include "light/denoise/denoise.h"
 #include "light/frame/frame_plan.h"
-#include "light/resolve/backplate.h"
 #include "light/resolve/resolve.h"
 
 #define UNEVEN 64.0         /* of audit_desc. A quarter of a cached image's error may lie in one pixel: */

@@ -51,7 +51,7 @@ enum inspect_part { INSPECT_DIRECT, INSPECT_INDIRECT, INSPECT_CAUSTICS, INSPECT_
 
 /* The pixel's light by class of paths.h, of which only those of the image are computed. Light of lamps is not in it. */
 struct inspect_parts {
-    bool known; /* false: the preset, or the pixel shows the ground, which is no sum of them (light/resolve/backplate.h)
+    bool known; /* false: the preset, or the pixel shows the ground, which is no sum of them (light/resolve/resolve.h)
                  */
     uint32_t classes;
     struct inspect_mean of[INSPECT_PARTS]; /* independent of each other; the background has no error */

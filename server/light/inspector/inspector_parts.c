@@ -50,7 +50,7 @@ static bool points_init(struct points *p, const struct inspect_desc *desc)
     return true;
 }
 
-/* What the camera sees on the ground is not the ground's own light (light/resolve/backplate.h). */
+/* What the camera sees on the ground is not the ground's own light (light/resolve/resolve.h). */
 static bool is_on_ground(const struct points *p, const struct scene *scene)
 {
     bool any = false;

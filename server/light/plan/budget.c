@@ -1,4 +1,4 @@
-#include "light/plan/budget.h"
+#include "light/plan/pilot_measure.h"
 
 #include <assert.h>
 #include <math.h>

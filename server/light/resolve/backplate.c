@@ -1,4 +1,4 @@
-#include "light/resolve/backplate.h"
+#include "light/resolve/resolve.h"
 
 #include "base/mem.h"
 #include "scene/geometry/ground.h"

@@ -1,4 +1,4 @@
-#include "measure/bench/bench_internal.h"
+#include "measure/bench/bench.h"
 
 #include "base/clock.h"
 #include "base/mem.h"

@@ -1,11 +1,10 @@
 /* Errors of direct light by the cache of light transport. */
-#include "measure/bench/bench_internal.h"
+#include "measure/bench/bench.h"
 
 #include "base/luminance.h"
 #include "base/mem.h"
 #include "light/cache_direct/internal.h"
 #include "light/resolve/resolve.h"
-#include "measure/compare/lab.h"
 #include "measure/compare/metrics.h"
 #include "sky/tables/pyramid.h"
 #include "sky/tables/sky_split.h"

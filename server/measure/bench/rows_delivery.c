@@ -1,6 +1,6 @@
 /* One image to all viewers: through net/stream/server.h, and over sockets with nothing around them. This thread plays
  * the viewers, over plain sockets in both cases. */
-#include "measure/bench/bench_internal.h"
+#include "measure/bench/bench.h"
 
 #include "base/clock.h"
 #include "base/mem.h"

@@ -1,5 +1,5 @@
 /* From light to bytes. */
-#include "measure/bench/bench_internal.h"
+#include "measure/bench/bench.h"
 
 #include "base/mem.h"
 

@@ -1,5 +1,5 @@
 /* Whole frames: how the stages overlap, and how their time grows. */
-#include "measure/bench/bench_internal.h"
+#include "measure/bench/bench.h"
 
 #include "base/clock.h"
 #include "base/handoff.h"

@@ -1,5 +1,5 @@
 /* Light: shadow rays, arithmetic, particles. */
-#include "measure/bench/bench_internal.h"
+#include "measure/bench/bench.h"
 
 #include "base/mem.h"
 

@@ -1,5 +1,5 @@
 /* From a file's bytes to light samples. */
-#include "measure/bench/bench_internal.h"
+#include "measure/bench/bench.h"
 
 #include "base/mem.h"
 #include "sky/tables/samples.h"

@@ -2,7 +2,7 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "image/codec/encode.h"
-#include "measure/bench/bench_internal.h"
+#include "measure/bench/bench.h"
 #include "measure/chart/chart.h"
 #include "measure/chart/script.h"
 #include "measure/chart/truth.h"

@@ -1,4 +1,4 @@
-#include "measure/bench/bench_internal.h"
+#include "measure/bench/bench.h"
 
 #include "base/mem.h"
 #include "scene/geometry/scene.h"

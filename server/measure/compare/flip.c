@@ -3,7 +3,6 @@
 #include "base/mem.h"
 #include "base/vec.h"
 #include "image/film/film.h"
-#include "measure/compare/lab.h"
 
 #include <assert.h>
 #include <math.h>

@@ -4,7 +4,6 @@
 #include "base/sort.h"
 #include "base/vec.h"
 #include "image/film/film.h"
-#include "measure/compare/lab.h"
 
 #include <assert.h>
 #include <math.h>

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "base/err.h"
-#include "image/video/mux.h"
+#include "image/video/movie.h"
 #include "net/publish/publish.h"
 
 #include <stdbool.h>
@@ -15,7 +15,7 @@ struct sink_desc {
     const uint8_t *header; /* parameter sets of the stream, Annex B */
     size_t header_size;
     uint32_t width, height;
-    bool (*cancelled)(void *user); /* as in mux.h */
+    bool (*cancelled)(void *user); /* as in movie.h */
     void *user;
 };
 

@@ -1,4 +1,4 @@
-#include "programs/render/render_internal.h"
+#include "programs/render/render.h"
 
 #include "base/mem.h"
 

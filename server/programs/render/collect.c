@@ -1,5 +1,5 @@
 /* --collect: the other ranks send their images to rank 0, which writes them, for hosts without a shared folder. */
-#include "programs/render/render_internal.h"
+#include "programs/render/render.h"
 
 #include "base/mem.h"
 

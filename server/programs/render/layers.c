@@ -3,7 +3,7 @@
 #include "image/codec/cryptomatte.h"
 #include "image/codec/encode.h"
 #include "light/frame/layers.h"
-#include "programs/render/render_internal.h"
+#include "programs/render/render.h"
 #include "scene/geometry/view.h"
 
 #include <assert.h>

@@ -3,7 +3,7 @@
  * The measured image is a rough one of the metering frame, whose settings are fixed here: few pixels, few samples,
  * denoised, a seed of its own. So it costs the same for all sizes and sample counts, and the value depends on scene,
  * camera, sky and --paths alone: not on the frames that are rendered, nor on method, samples or seed. */
-#include "programs/render/render_internal.h"
+#include "programs/render/render.h"
 
 #include "base/luminance.h"
 #include "base/mem.h"

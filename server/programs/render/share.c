@@ -1,6 +1,6 @@
 /* Distributes frames among the ranks of a job, joins their statistics in frame order, and keeps existing images
  * (--resume). */
-#include "programs/render/render_internal.h"
+#include "programs/render/render.h"
 
 #include "base/mem.h"
 #include "relightd/settings/settings.h"

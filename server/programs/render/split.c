@@ -1,5 +1,5 @@
 /* Renders frames that all ranks of a job light together. */
-#include "programs/render/render_internal.h"
+#include "programs/render/render.h"
 
 /* The next frame, decoded while other ranks light this one. */
 static bool look_ahead(void *context, const struct environment **e, const struct relight_desc **request)

@@ -18,7 +18,7 @@
 
 #define LIVE_TRIES 4 /* connections to a live stream before its first image; 3.5 s between them */
 
-struct render {
+struct request {
     struct render_desc desc;
     double fps;                        /* 0: no time is set */
     int bits;                          /* of PNG: 8 or 16 */
@@ -33,7 +33,7 @@ struct render {
 
 #define RENDERING .section = "Rendering"
 #define OUTPUT .section = "Output"
-#define AT(field) SETTING_AT(render, field)
+#define AT(field) SETTING_AT(request, field)
 
 static const struct setting_choice reinhart_choices[] = {
     { "1", 1, "146 patches", 0 },
@@ -125,7 +125,7 @@ static const struct setting rows[] = {
 };
 
 /* A time or an error takes the place of a sample count. */
-static enum err read_target(const struct command *c, struct render *r, struct reason *why)
+static enum err read_target(const struct command *c, struct request *r, struct reason *why)
 {
     struct budget_target *t = &r->desc.target;
 
@@ -143,7 +143,7 @@ static enum err read_target(const struct command *c, struct render *r, struct re
 }
 
 /* The filter takes images by counts, made of shade points. */
-static enum err check_denoise(const struct render *r, struct reason *why)
+static enum err check_denoise(const struct request *r, struct reason *why)
 {
     const enum method method = r->desc.setup.light.direct.method;
 
@@ -160,7 +160,7 @@ static enum err check_denoise(const struct render *r, struct reason *why)
 }
 
 /* Layers are made by counts, of shade points. */
-static enum err check_layers(const struct render *r, struct reason *why)
+static enum err check_layers(const struct request *r, struct reason *why)
 {
     const enum method method = r->desc.setup.light.direct.method;
 
@@ -179,7 +179,7 @@ static enum err check_layers(const struct render *r, struct reason *why)
 }
 
 /* Ranks light shade points of their own: what adds to pixels, filters, or follows the clock is not theirs. */
-static enum err check_split(const struct render *r, struct reason *why)
+static enum err check_split(const struct request *r, struct reason *why)
 {
     const struct render_desc *d = &r->desc;
     const enum method method = d->setup.light.direct.method;
@@ -209,7 +209,7 @@ static enum err check_split(const struct render *r, struct reason *why)
 }
 
 /* Where images go, or components in their stead, which know no source, no frames and no target. */
-static enum err read_out(const struct command *c, struct render *r, struct reason *why)
+static enum err read_out(const struct command *c, struct request *r, struct reason *why)
 {
     static const char *const others[] = { "out",    "frames",    "stats",  "fps",     "error",
                                           "reseed", "half",      "alpha",  "denoise", "exposure-frame",
@@ -259,7 +259,7 @@ static enum err read_out(const struct command *c, struct render *r, struct reaso
 }
 
 /* Warns about flags that the file format does not support, or that belong to an output that was not requested. */
-static void report_ignored(struct command *c, const struct render *r)
+static void report_ignored(struct command *c, const struct request *r)
 {
     struct setup setup = r->desc.setup;
     static const char *const display[] = { "tone", "exposure", "exposure-frame", "bits", "quality" };
@@ -288,7 +288,7 @@ static void report_ignored(struct command *c, const struct render *r)
         log_warning("--audit has no effect without --stats");
 }
 
-static enum err read_options(struct command *c, struct render *r, struct reason *why)
+static enum err read_options(struct command *c, struct request *r, struct reason *why)
 {
     struct render_desc *d = &r->desc;
     struct setup *s = &d->setup;
@@ -325,7 +325,7 @@ static enum err read_options(struct command *c, struct render *r, struct reason 
 }
 
 /* Daylight coefficients in place of images. */
-static enum err export_components(struct render *r, struct reason *why)
+static enum err export_components(struct request *r, struct reason *why)
 {
     const struct setup *setup = &r->desc.setup;
     struct prepared_scene *set = NULL;
@@ -348,7 +348,7 @@ static enum err export_components(struct render *r, struct reason *why)
 }
 
 /* What METHOD_COMPONENTS adds up. The caller frees *out, which may be NULL. */
-static enum err read_parts(struct render *r, struct parts **out, struct reason *why)
+static enum err read_parts(struct request *r, struct parts **out, struct reason *why)
 {
     struct setup *s = &r->desc.setup;
     const struct parts_desc desc = { s->parts, s->set_desc.width, s->set_desc.height, s->light.cache_bytes };
@@ -364,7 +364,7 @@ static enum err read_parts(struct render *r, struct parts **out, struct reason *
 }
 
 /* Images. */
-static enum err run_sequence(struct render *r, struct reason *why)
+static enum err run_sequence(struct request *r, struct reason *why)
 {
     struct parts *parts;
     enum err e = read_parts(r, &parts, why);
@@ -376,7 +376,7 @@ static enum err run_sequence(struct render *r, struct reason *why)
 }
 
 /* A year in place of images. */
-static enum err run_annual(struct render *r, struct reason *why)
+static enum err run_annual(struct request *r, struct reason *why)
 {
     r->annual.setup = r->desc.setup;
     r->annual.measures = measures_lm83;
@@ -402,7 +402,7 @@ static enum err draw_year(const char *folder)
 }
 
 /* All ranks of a job render one sequence; alone, this process does. */
-static enum err render_together(struct render *r, int argc, char **argv, struct reason *why)
+static enum err render_together(struct request *r, int argc, char **argv, struct reason *why)
 {
     const struct setup *s = &r->desc.setup;
     const struct ranks_desc desc = { "relight-render", s->kernels->level, argc, argv };
@@ -434,7 +434,7 @@ static enum err render_together(struct render *r, int argc, char **argv, struct 
 
 int main(int argc, char **argv)
 {
-    static struct render r;
+    static struct request r;
     static struct command command = {
         .name = "relight-render",
         .synopsis = "--out PATTERN [--scene FILE] [--source S] [flags]",

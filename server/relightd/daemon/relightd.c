@@ -2,8 +2,8 @@
  *     ingest   source or producer -> decode -> cube map and sampling tables       ingest.h
  *     shade    (main) light at the shade points -> linear image; refines it     shade.h
  *     encode   exposure -> tone curve -> JPEG, H.264 or EXR                       encode.h
- * A handoff of three slots connects two threads (shared.h): the newest wins, and no thread waits for a copy. The network
- * thread belongs to net/stream/server.h; service_manager.h and service_manager.h monitor the process. */
+ * A handoff of three slots connects two threads (shared.h): the newest wins, and no thread waits for a copy. The
+ * network thread belongs to net/stream/server.h; service_manager.h and service_manager.h monitor the process. */
 #include "relightd/daemon/encode.h"
 #include "relightd/daemon/ingest.h"
 #include "relightd/daemon/job.h"

@@ -1,4 +1,4 @@
-#include "scene/lamps/emitters.h"
+#include "scene/lamps/lamps.h"
 
 #include "base/mem.h"
 #include "scene/geometry/coverage.h"

@@ -2,7 +2,6 @@
 
 #include "base/cancel.h"
 #include "base/mem.h"
-#include "scene/lamps/emitters.h"
 
 #define NUMBER_PAIRS (WALK_NUMBERS / 2)
 

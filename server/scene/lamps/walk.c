@@ -1,7 +1,7 @@
-#include "scene/lamps/emitters.h"
+#include "scene/lamps/lamps.h"
 
 #include "scene/geometry/scatter_hit.h"
-#include "scene/surface/path_ray.h"
+#include "scene/surface/lobe.h"
 
 struct walk {
     const struct walk_world *world;

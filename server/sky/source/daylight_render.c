@@ -4,7 +4,7 @@
 #include "base/vec.h"
 #include "sky/daylight/reinhart.h"
 #include "sky/daylight/sun.h"
-#include "sky/source/sky_model.h"
+#include "sky/source/sky.h"
 
 #include <assert.h>
 #include <math.h>

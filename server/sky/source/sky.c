@@ -1,7 +1,6 @@
 #include "sky/source/sky.h"
 
 #include "base/vec.h"
-#include "sky/source/sky_model.h"
 
 #include <ctype.h>
 #include <math.h>

@@ -1,4 +1,4 @@
-#include "sky/source/sky_model.h"
+#include "sky/source/sky.h"
 
 #include "base/luminance.h"
 #include "base/vec.h"

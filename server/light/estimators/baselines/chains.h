@@ -5,7 +5,7 @@
 
 #include "base/rng.h"
 #include "light/estimators/baselines/path.h"
-#include "light/estimators/start.h"
+#include "light/estimators/light_tracer.h"
 #include "scene/surface/scatter.h"
 
 #include <stdbool.h>

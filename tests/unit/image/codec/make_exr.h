@@ -6,13 +6,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
-struct exr_channel {
+struct made_channel {
     const char *name; /* NULL ends the list; in the order of the alphabet, as the format wants it */
     exr_pixel_type_t type;
 };
 
 struct exr_recipe {
-    const struct exr_channel *channels;
+    const struct made_channel *channels;
     exr_compression_t compression;
     int32_t width, height;
     int32_t left, top;            /* of the data window */

@@ -8,7 +8,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-static const struct exr_channel rgba[] = { { "A", EXR_PIXEL_HALF },
+static const struct made_channel rgba[] = { { "A", EXR_PIXEL_HALF },
                                            { "B", EXR_PIXEL_HALF },
                                            { "G", EXR_PIXEL_FLOAT },
                                            { "R", EXR_PIXEL_HALF },
@@ -55,7 +55,7 @@ static void turned_bits_are_survived(void **state)
 
 static void faults_in_a_later_part_are_told(void **state)
 {
-    static const struct exr_channel depth[] = { { "Z", EXR_PIXEL_FLOAT }, { NULL, EXR_PIXEL_HALF } };
+    static const struct made_channel depth[] = { { "Z", EXR_PIXEL_FLOAT }, { NULL, EXR_PIXEL_HALF } };
     const struct exr_recipe parts[] = {
         { .channels = depth, .width = 2, .height = 2 },
         { .channels = rgba, .width = 5, .height = 4, .compression = EXR_COMPRESSION_RLE }

@@ -8,25 +8,25 @@
 #define FLOAT EXR_PIXEL_FLOAT
 #define UINT EXR_PIXEL_UINT
 
-static const struct exr_channel half_rgb[] = { { "B", HALF }, { "G", HALF }, { "R", HALF }, { NULL, HALF } };
-static const struct exr_channel float_rgb[] = { { "B", FLOAT }, { "G", FLOAT }, { "R", FLOAT }, { NULL, HALF } };
-static const struct exr_channel half_rgba[] = {
+static const struct made_channel half_rgb[] = { { "B", HALF }, { "G", HALF }, { "R", HALF }, { NULL, HALF } };
+static const struct made_channel float_rgb[] = { { "B", FLOAT }, { "G", FLOAT }, { "R", FLOAT }, { NULL, HALF } };
+static const struct made_channel half_rgba[] = {
     { "A", HALF }, { "B", HALF }, { "G", HALF }, { "R", HALF }, { NULL, HALF }
 };
-static const struct exr_channel float_rgba[] = {
+static const struct made_channel float_rgba[] = {
     { "A", FLOAT }, { "B", FLOAT }, { "G", FLOAT }, { "R", FLOAT }, { NULL, HALF }
 };
-static const struct exr_channel mixed[] = { { "A", UINT },  { "B", HALF },  { "G", FLOAT },    { "R", HALF },
+static const struct made_channel mixed[] = { { "A", UINT },  { "B", HALF },  { "G", FLOAT },    { "R", HALF },
                                             { "Z", FLOAT }, { "id", UINT }, { "sky.R", HALF }, { NULL, HALF } };
-static const struct exr_channel layered[] = { { "a.R", FLOAT },  { "sky.B", HALF }, { "sky.G", FLOAT },
+static const struct made_channel layered[] = { { "a.R", FLOAT },  { "sky.B", HALF }, { "sky.G", FLOAT },
                                               { "sky.R", HALF }, { "sun.B", HALF }, { "sun.G", HALF },
                                               { "sun.R", HALF }, { NULL, HALF } };
-static const struct exr_channel half_y[] = { { "A", HALF }, { "Y", HALF }, { NULL, HALF } };
-static const struct exr_channel y_of_three[] = { { "B", HALF }, { "R", HALF }, { "Y", HALF }, { NULL, HALF } };
-static const struct exr_channel float_y[] = { { "Y", FLOAT }, { NULL, HALF } };
+static const struct made_channel half_y[] = { { "A", HALF }, { "Y", HALF }, { NULL, HALF } };
+static const struct made_channel y_of_three[] = { { "B", HALF }, { "R", HALF }, { "Y", HALF }, { NULL, HALF } };
+static const struct made_channel float_y[] = { { "Y", FLOAT }, { NULL, HALF } };
 
 static const struct {
-    const struct exr_channel *channels;
+    const struct made_channel *channels;
     int r, g, b; /* their places in the list */
 } sets[] = {
     { half_rgb, 2, 1, 0 }, { float_rgb, 2, 1, 0 }, { half_rgba, 3, 2, 1 }, { float_rgba, 3, 2, 1 }, { mixed, 3, 2, 1 },
@@ -258,7 +258,7 @@ static float primary_value(int c, int32_t x, int32_t y)
     return x == 0 || (x == 1 && c == 1) || (x == 2 && c == 2) ? 1.0f : 0.0f;
 }
 
-static void decode_primaries(const float *chromaticities, const struct exr_channel *channels, struct image *im)
+static void decode_primaries(const float *chromaticities, const struct made_channel *channels, struct image *im)
 {
     const struct exr_recipe r = {
         .channels = channels, .width = 3, .height = 2, .chromaticities = chromaticities, .value = primary_value
@@ -339,8 +339,8 @@ static void the_envmap_attribute_becomes_the_layout(void **state)
 
 static void of_several_parts_the_first_with_colour_is_read(void **state)
 {
-    static const struct exr_channel depth[] = { { "Z", FLOAT }, { NULL, HALF } };
-    static const struct exr_channel other[] = { { "B", HALF }, { "G", HALF }, { "R", HALF }, { NULL, HALF } };
+    static const struct made_channel depth[] = { { "Z", FLOAT }, { NULL, HALF } };
+    static const struct made_channel other[] = { { "B", HALF }, { "G", HALF }, { "R", HALF }, { NULL, HALF } };
     const struct exr_recipe parts[] = {
         { .channels = depth, .width = 5, .height = 4 },
         { .channels = half_rgb, .width = 6, .height = 3, .deep = true },
@@ -388,20 +388,20 @@ static void check_layer(const struct exr_recipe *parts, int count, const char *w
 /* What renderers write beside the image must not light a scene because its name comes first. */
 static void the_layer_that_is_named_like_an_image_is_read_and_the_choice_is_said(void **state)
 {
-    static const struct exr_channel blender[] = { { "V.AO.B", HALF },       { "V.AO.G", HALF },
+    static const struct made_channel blender[] = { { "V.AO.B", HALF },       { "V.AO.G", HALF },
                                                   { "V.AO.R", HALF },       { "V.Combined.A", HALF },
                                                   { "V.Combined.B", HALF }, { "V.Combined.G", HALF },
                                                   { "V.Combined.R", HALF }, { NULL, HALF } };
-    static const struct exr_channel arnold[] = { { "albedo.B", HALF },   { "albedo.G", HALF },   { "albedo.R", HALF },
+    static const struct made_channel arnold[] = { { "albedo.B", HALF },   { "albedo.G", HALF },   { "albedo.R", HALF },
                                                  { "backdrop.B", HALF }, { "backdrop.G", HALF }, { "backdrop.R", HALF },
                                                  { NULL, HALF } };
-    static const struct exr_channel root[] = { { "B", HALF },        { "G", HALF },        { "R", HALF },
+    static const struct made_channel root[] = { { "B", HALF },        { "G", HALF },        { "R", HALF },
                                                { "beauty.B", HALF }, { "beauty.G", HALF }, { "beauty.R", HALF },
                                                { NULL, HALF } };
-    static const struct exr_channel words[] = { { "N.X", HALF },    { "N.Y", HALF },     { "N.Z", HALF },
+    static const struct made_channel words[] = { { "N.X", HALF },    { "N.Y", HALF },     { "N.Z", HALF },
                                                 { "c.blue", HALF }, { "c.green", HALF }, { "c.red", HALF },
                                                 { NULL, HALF } };
-    static const struct exr_channel vray[] = { { ".B", HALF }, { ".G", HALF }, { ".R", HALF }, { NULL, HALF } };
+    static const struct made_channel vray[] = { { ".B", HALF }, { ".G", HALF }, { ".R", HALF }, { NULL, HALF } };
     const struct exr_recipe rows[] = { { .channels = blender, .width = 4, .height = 2, .value = channel_value },
                                        { .channels = arnold, .width = 4, .height = 2, .value = channel_value },
                                        { .channels = root, .width = 4, .height = 2, .value = channel_value },
@@ -480,10 +480,10 @@ static void the_display_window_is_the_frame_of_the_image(void **state)
 
 static void what_is_not_modelled_is_refused_by_name(void **state)
 {
-    static const struct exr_channel integers[] = { { "B", HALF }, { "G", UINT }, { "R", HALF }, { NULL, HALF } };
-    static const struct exr_channel chroma[] = { { "BY", HALF }, { "RY", HALF }, { "Y", HALF }, { NULL, HALF } };
-    static const struct exr_channel two[] = { { "G", HALF }, { "R", HALF }, { NULL, HALF } };
-    static const struct exr_channel split[] = { { "a.B", HALF }, { "a.G", HALF }, { "b.R", HALF }, { NULL, HALF } };
+    static const struct made_channel integers[] = { { "B", HALF }, { "G", UINT }, { "R", HALF }, { NULL, HALF } };
+    static const struct made_channel chroma[] = { { "BY", HALF }, { "RY", HALF }, { "Y", HALF }, { NULL, HALF } };
+    static const struct made_channel two[] = { { "G", HALF }, { "R", HALF }, { NULL, HALF } };
+    static const struct made_channel split[] = { { "a.B", HALF }, { "a.G", HALF }, { "b.R", HALF }, { NULL, HALF } };
     static const struct {
         struct exr_recipe recipe;
         const char *about;

@@ -6,7 +6,7 @@
 #include "support/skies.h"
 
 /* `dragon` under one frame of the day. */
-struct view {
+struct dragon_view {
     struct scene *scene;
     struct rays *rays;
     struct gbuffer *g;
@@ -35,9 +35,10 @@ static inline struct environment *load_sky(const char *path, uint32_t n)
     return e;
 }
 
-static inline struct view view_load(uint32_t width, uint32_t height, const char *sky)
+static inline struct dragon_view view_load(uint32_t width, uint32_t height, const char *sky)
 {
-    struct view v = { .e = load_sky(unit_data(sky), 256), .scene = load_or_fail(unit_data("../scenes/dragon.json")) };
+    struct dragon_view v = { .e = load_sky(unit_data(sky), 256),
+                             .scene = load_or_fail(unit_data("../scenes/dragon.json")) };
     struct reason why = { "" };
 
     v.rays = rays_create_for(v.scene, cpu_best());
@@ -49,7 +50,7 @@ static inline struct view view_load(uint32_t width, uint32_t height, const char 
     return v;
 }
 
-static inline void view_free(struct view *v)
+static inline void view_free(struct dragon_view *v)
 {
     gbuffer_destroy(v->g);
     rays_destroy(v->rays);

@@ -3,7 +3,7 @@
 #include "light/estimators/courts.h"
 #include "light/estimators/points.h"
 
-#include "light/estimators/eye_store.h"
+#include "light/estimators/eye_paths.h"
 
 #include <omp.h>
 

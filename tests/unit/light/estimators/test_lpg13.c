@@ -283,7 +283,7 @@ static bool faces_away(const struct environment *e, const struct vec3 n, uint32_
 
 /* Points of a view evenly from all over the image, as matte ones, `packets` full packets of them where there are as
  * many: all that there are, or those that are upright and face away from the sun. */
-static struct gbuffer take_points(const struct view *v, uint32_t packets, bool away)
+static struct gbuffer take_points(const struct dragon_view *v, uint32_t packets, bool away)
 {
     struct gbuffer part = points_make(packets, LOBE_LAMBERT, (float)ALBEDO, 0.0f, 0.0f);
     const uint32_t wanted = packets * PACKET;
@@ -327,7 +327,7 @@ struct spread {                     /* over seeds */
     double variance[MOST_POINTS];
 };
 
-static struct spread measure_spread(const struct view *v, const struct gbuffer *part, enum method method,
+static struct spread measure_spread(const struct dragon_view *v, const struct gbuffer *part, enum method method,
                                     uint32_t samples, uint64_t first, uint32_t seeds)
 {
     static float lo[MOST_POINTS * 3];
@@ -401,7 +401,7 @@ static void print_closed_form(const struct gbuffer *part, double *ratio)
 
 /* A point of the image at which 180 samples by sixths are just as good as 60 by shares: picked by some seeds,
  * measured by others. The ratio of the two variances, whose standard error is about 10 %. */
-static double find_the_papers_point(const struct view *v)
+static double find_the_papers_point(const struct dragon_view *v)
 {
     struct gbuffer part = take_points(v, 8, false);
     const struct spread by_shares = measure_spread(v, &part, METHOD_FACES, 60, 0, 64);
@@ -443,7 +443,7 @@ static void figure_2_on_the_dragon(void **state)
     static const uint32_t counts[COUNTS] = { 60, 100, 150 };
     static struct spread even[COUNTS];
     (void)state;
-    struct view v = view_load(480, 270, SKY);
+    struct dragon_view v = view_load(480, 270, SKY);
     struct gbuffer part = take_points(&v, 8, true);
     const struct spread by_shares = measure_spread(&v, &part, METHOD_FACES, 60, 0, seeds);
     double samples = 0.0, rays = 0.0, closed;
@@ -487,7 +487,7 @@ static double slope_of(const uint32_t *x, const double *y, int count)
 enum { WIDTH = 64, HEIGHT = 36, PIXELS = WIDTH * HEIGHT };
 
 struct camera_work {
-    struct view v;
+    struct dragon_view v;
     struct direct *d;
     float *lo;
     uint8_t mask[PIXELS];

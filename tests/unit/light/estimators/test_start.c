@@ -1,6 +1,6 @@
 /* Where light paths begin: densities against closed forms, against counts of what was drawn, and against brute force.
  * Directions are all over the sphere, with those along axes and planes among them. */
-#include "light/estimators/start.h"
+#include "light/estimators/light_tracer.h"
 
 #include "base/rng.h"
 

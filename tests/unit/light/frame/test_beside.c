@@ -1,6 +1,6 @@
 /* Caustics of live images (light/frame/beside.h): they wait for nothing, are the light that other images have,
  * improve from image to image, and follow the sky. RING: docs/examples. */
-#include "light/frame/relight_passes.h"
+#include "light/frame/frame_plan.h"
 #include "light/frame/relighter.h"
 #include "light/frame/stage.h"
 #include "measure/compare/metrics.h"

@@ -8,7 +8,7 @@
 #include "light/estimators/courts.h"
 #include "light/estimators/points.h"
 #include "light/frame/relight.h"
-#include "light/resolve/backplate.h"
+#include "light/resolve/resolve.h"
 #include "scene/geometry/ground.h"
 #include "scene/geometry/scene_build.h"
 

@@ -3,7 +3,7 @@
 #include "light/estimators/points.h"
 #include "light/frame/relight.h"
 #include "base/rng.h"
-#include "light/frame/relight_passes.h"
+#include "light/frame/frame_plan.h"
 #include "support/sets.h"
 
 #include <math.h>

@@ -1,5 +1,5 @@
 /* The division of a frame's time against closed forms and exhaustive search. */
-#include "light/plan/budget.h"
+#include "light/plan/pilot_measure.h"
 
 #include "base/rng.h"
 #include "support/unit.h"

@@ -151,7 +151,7 @@ struct folder {
     char path[64], pattern[96];
 };
 
-static struct folder folder_make(void)
+static struct folder folder_of_parts(void)
 {
     struct folder f;
 
@@ -244,7 +244,7 @@ static void expect_sum(const struct parts *p, float part[PATCHES][PIXELS][3], do
 static void parts_add_up_as_dctimestep_adds_them(void **state)
 {
     static float part[PATCHES][PIXELS][3];
-    const struct folder f = folder_make();
+    const struct folder f = folder_of_parts();
     (void)state;
 
     make_parts(part);
@@ -259,7 +259,7 @@ static void parts_add_up_as_dctimestep_adds_them(void **state)
 static void a_view_matrix_adds_up_too(void **state)
 {
     static float part[PATCHES][PIXELS][3];
-    const struct folder f = folder_make();
+    const struct folder f = folder_of_parts();
     char name[128];
     (void)state;
 
@@ -295,7 +295,7 @@ static void refuse(const char *from, uint32_t width, uint64_t bytes, enum err co
 static void what_is_no_set_of_parts_is_refused(void **state)
 {
     static float part[PATCHES][PIXELS][3];
-    const struct folder f = folder_make();
+    const struct folder f = folder_of_parts();
     char name[128];
     (void)state;
 
@@ -342,7 +342,7 @@ static void what_is_no_set_of_parts_is_refused(void **state)
 static void a_relighter_shows_them_for_one_camera(void **state)
 {
     static float part[PATCHES][PIXELS][3], radiance[PATCHES][3], want[3 * PIXELS], rgb[3 * PIXELS];
-    const struct folder f = folder_make();
+    const struct folder f = folder_of_parts();
     const struct prepared_scene_desc one = { .width = WIDTH, .height = HEIGHT };
     struct prepared_scene_desc two = one;
     struct reason why = { "" };

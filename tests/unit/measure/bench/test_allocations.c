@@ -7,7 +7,7 @@
 #include "image/codec/make_hdr.h"
 #include "light/estimators/kernels.h"
 #include "light/frame/relight.h"
-#include "measure/bench/bench_internal.h"
+#include "measure/bench/bench.h"
 #include "sky/tables/environment.h"
 #include "support/sets.h"
 
@@ -15,7 +15,7 @@
 
 enum { WARM = 10, COUNTED = 4, WIDTH = 64, HEIGHT = 32 };
 
-static const struct exr_channel half_rgb[] = {
+static const struct made_channel half_rgb[] = {
     { "B", EXR_PIXEL_HALF }, { "G", EXR_PIXEL_HALF }, { "R", EXR_PIXEL_HALF }, { NULL, EXR_PIXEL_HALF }
 };
 

@@ -2,7 +2,7 @@
  * scale and threads may not change. */
 #include "scene/lamps/rooms_lit.h"
 
-#include "scene/lamps/emitters.h"
+#include "scene/lamps/lamps.h"
 
 #include <omp.h>
 #include <time.h>

@@ -6,7 +6,6 @@
 #include "base/luminance.h"
 #include "base/vec.h"
 #include "sky/source/sky.h"
-#include "sky/source/sky_model.h"
 #include "sky/source/sky_sun.h"
 
 #include <math.h>

@@ -70,7 +70,7 @@ static void a_radiance_file_becomes_a_sky(void **state)
 
 static void an_exr_file_becomes_a_sky(void **state)
 {
-    static const struct exr_channel half[] = {
+    static const struct made_channel half[] = {
         { "B", EXR_PIXEL_HALF }, { "G", EXR_PIXEL_HALF }, { "R", EXR_PIXEL_HALF }, { NULL, EXR_PIXEL_HALF }
     };
     static const exr_compression_t compressions[] = { EXR_COMPRESSION_NONE, EXR_COMPRESSION_ZIP, EXR_COMPRESSION_PIZ };
