@@ -24,11 +24,6 @@ static const enum protocol_layout layouts[] = {
 };
 _Static_assert(sizeof(layouts) / sizeof(layouts[0]) == LAYOUT_LAST + 1, "a layout lacks its number in the protocol");
 
-static bool is_exr(const uint8_t *bytes, size_t size)
-{
-    return size >= 4 && memcmp(bytes, "\x76\x2f\x31\x01", 4) == 0;
-}
-
 static bool is_radiance(const uint8_t *bytes, size_t size)
 {
     return size >= 2 && bytes[0] == '#' && bytes[1] == '?';
@@ -64,13 +59,6 @@ static enum err state_texels(struct parcel *p, const struct parcel_desc *d, cons
     return ERR_OK;
 }
 
-/* Keeps the layout declared in the file, which would otherwise be lost. */
-static void keep_layout(struct parcel *p)
-{
-    if (p->header.layout == PROTOCOL_LAYOUT_AUTO)
-        p->header.layout = layouts[p->image.layout];
-}
-
 /* Of texels: a computed sky is lat-long; a video has the requested layout, else its own. */
 static void state_layout(struct parcel *p, const struct parcel_desc *d)
 {
@@ -90,7 +78,7 @@ static void state_layout(struct parcel *p, const struct parcel_desc *d)
 static enum err state_file(struct parcel *p, const struct parcel_desc *d, struct reason *why)
 {
     const struct frame *f = &p->frame;
-    const bool exr = is_exr(f->bytes, f->size);
+    const bool exr = f->size >= 4 && memcmp(f->bytes, "\x76\x2f\x31\x01", 4) == 0;
     /* A damaged file is sent as it is, so that the refusal appears in the server's counters. */
     const bool barred = exr && exr_policy_check(f->bytes, f->size, f->name, &p->barred) == ERR_UNSUPPORTED;
 
@@ -108,7 +96,9 @@ static enum err state_file(struct parcel *p, const struct parcel_desc *d, struct
         const enum err e = decode_image(f->bytes, f->size, f->name, &p->image, why);
         if (e)
             return e;
-        keep_layout(p);
+        /* The layout declared in the file would otherwise be lost. */
+        if (p->header.layout == PROTOCOL_LAYOUT_AUTO)
+            p->header.layout = layouts[p->image.layout];
         return state_texels(p, d, p->image.rgb, p->image.width, p->image.height, why);
     }
     if (f->size > PAYLOAD_MAX)

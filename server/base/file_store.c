@@ -174,12 +174,6 @@ static int write_parts(int fd, const struct file_part *parts, size_t count)
     return 0;
 }
 
-/* Returns 0 or errno. Pipes and devices do not support fsync. */
-static int sync_file(int fd)
-{
-    return fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP ? errno : 0;
-}
-
 /* Makes a rename durable by syncing its folder. Returns 0 or errno; ignores EINVAL from file systems that cannot do it.
  */
 static int sync_folder(const char *path)
@@ -243,7 +237,8 @@ enum err file_draft_commit(struct file_draft *d, struct reason *why)
 {
     enum err e = ERR_OK;
 
-    int failed = sync_file(d->fd);
+    /* Pipes and devices do not support fsync. */
+    int failed = fsync(d->fd) != 0 && errno != EINVAL && errno != ENOTSUP ? errno : 0;
     if (failed)
         e = say_errno(why, d->path, "write the file", failed);
     else if (d->replace &&

@@ -16,17 +16,13 @@
 /* A terminal has one last line, so one flag suffices. */
 static _Atomic bool line_shown;
 
-/* Of the step that is being made, 0..1. */
-static double part_of(const struct progress *p)
-{
-    return p->part ? fmin(1.0, (double)atomic_load(&p->part->done) / (double)p->part->total) : 0.0;
-}
-
 static void draw(const struct progress *p, uint64_t done, int64_t now_ms)
 {
     char left[32] = "";
     const double elapsed_s = (double)(now_ms - p->begun_ms) / 1000.0;
-    const double made = (double)done + part_of(p);
+    /* A part of the step that is being made counts, too. */
+    const double made =
+        (double)done + (p->part ? fmin(1.0, (double)atomic_load(&p->part->done) / (double)p->part->total) : 0.0);
 
     if (!p->terminal && p->total == 0) {
         log_info("%s: %" PRIu64, p->what, done);

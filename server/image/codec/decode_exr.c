@@ -526,11 +526,6 @@ static enum err read_header(struct exr_file *x)
     return e;
 }
 
-static bool is_dwa(const struct exr_file *x)
-{
-    return x->compression == EXR_COMPRESSION_DWAA || x->compression == EXR_COMPRESSION_DWAB;
-}
-
 static enum err read_dwa(struct exr_file *x, struct image *im)
 {
     struct exr_dwa d = { x->bytes, x->size, x->part, { NULL }, x->left, x->top, x->width, x->height };
@@ -585,7 +580,8 @@ enum err decode_exr(const uint8_t *bytes, size_t size, const char *name, struct 
         goto done;
     }
     im->layout = x.layout;
-    e = is_dwa(&x) ? read_dwa(&x, im) : exr_chunks_read(&x, im);
+    e = x.compression == EXR_COMPRESSION_DWAA || x.compression == EXR_COMPRESSION_DWAB ? read_dwa(&x, im)
+                                                                                       : exr_chunks_read(&x, im);
     if (!e)
         e = finish_image(&x, im);
 done:

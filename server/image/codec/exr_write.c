@@ -176,11 +176,6 @@ struct packing {
     struct packed *slot;            /* [slots] */
 };
 
-static uint32_t lines_of(const struct packing *k, uint32_t y)
-{
-    return k->desc->height - y < k->lines ? k->desc->height - y : k->lines;
-}
-
 static void packing_finish(struct packing *k)
 {
     for (int i = 0; i < k->workers && k->deflaters; i++)
@@ -219,7 +214,7 @@ static enum err packing_init(struct packing *k, const struct exr_desc *d, const 
 static void pack_chunk(struct packing *k, int slot, uint32_t y)
 {
     struct exr_deflater *z = &k->deflaters[omp_get_thread_num()];
-    const uint32_t lines = lines_of(k, y);
+    const uint32_t lines = k->desc->height - y < k->lines ? k->desc->height - y : k->lines;
 
     gather_lines(k->desc, k->planes, y, lines, z->plain);
     k->slot[slot].size = exr_zip_pack(z, k->line_bytes * lines, k->slot[slot].bytes);

@@ -86,13 +86,6 @@ static AVIOContext *input_from_file(struct input_file *f)
     return io;
 }
 
-static void input_finish(AVIOContext **io)
-{
-    if (*io)
-        av_freep(&(*io)->buffer);
-    avio_context_free(io);
-}
-
 /* The protocols that this URL needs, for libavformat's protocol_whitelist; NULL: no network source. Never file: a
  * playlist or a redirection must not reach local files. */
 static const char *input_protocols(const char *url)
@@ -199,7 +192,9 @@ void reading_destroy(struct reading *r)
     if (!r)
         return;
     avformat_close_input(&r->context);
-    input_finish(&r->io);
+    if (r->io)
+        av_freep(&r->io->buffer);
+    avio_context_free(&r->io);
     av_packet_free(&r->packet);
     mem_free(r->extra);
     mem_free(r);

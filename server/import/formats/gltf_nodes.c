@@ -266,11 +266,6 @@ static struct vec3 turn(const double m[16], double x, double y, double z)
                      (float)(m[2] * x + m[6] * y + m[10] * z));
 }
 
-static bool name_is_taken(const struct scene *s, const char *name)
-{
-    return name[0] && scene_camera(s, name) != NULL;
-}
-
 /* The node's name, else the camera's, else a number; a number also where the name exists. */
 static void name_camera(const struct gltf *g, const struct gltf_at *node, const struct gltf_at *camera,
                         char out[sizeof(((struct camera *)NULL)->name)])
@@ -284,7 +279,7 @@ static void name_camera(const struct gltf *g, const struct gltf_at *node, const 
         snprintf(out, size, "%.63s", name);
     else
         snprintf(out, size, "camera %zu", camera->index);
-    for (unsigned n = 2; name_is_taken(g->scene, out); n++)
+    for (unsigned n = 2; out[0] && scene_camera(g->scene, out) != NULL; n++)
         snprintf(out, size, "%.50s (%u)", name && name[0] ? name : "camera", n);
 }
 

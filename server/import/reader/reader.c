@@ -93,24 +93,13 @@ static bool serve(struct reading *r, const struct wire_message *m)
 
 /* ---- How it ends ---- */
 
-static enum err too_much(const struct reading *r)
-{
-    return err_say(r->why, ERR_RANGE, "%s: needs more than %.4g GB of memory to be read (--max-scene-memory)", r->path,
-                   (double)r->reading.memory_bytes / 1e9);
-}
-
-static enum err too_long(const struct reading *r)
-{
-    return err_say(r->why, ERR_RANGE, "%s: took longer than %u s to be read", r->path, r->reading.seconds);
-}
-
 static enum err report_death(struct reading *r, enum child_receipt receipt)
 {
     const int status = child_end(&r->child);
     char death[64];
 
     if (receipt == CHILD_SILENT || (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU))
-        return too_long(r);
+        return err_say(r->why, ERR_RANGE, "%s: took longer than %u s to be read", r->path, r->reading.seconds);
     if (WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL)
         return err_say(r->why, ERR_RANGE, "%s: " PROGRAM " was killed; the machine may be short of memory", r->path);
     return err_say(r->why, ERR_FORMAT, "%s: " PROGRAM " %s", r->path, child_death(status, death, sizeof(death)));
@@ -127,7 +116,11 @@ static enum err finish(struct reading *r, const struct wire_message *m, struct s
     child_end(&r->child); /* nothing changes the parcel any more */
     switch (m->code) {
     case ERR_OK: return parcel_read(r->parcel, r->path, out, r->why);
-    case ERR_NOMEM: return r->starved ? err_say(r->why, ERR_NOMEM, "%s: out of memory", r->path) : too_much(r);
+    case ERR_NOMEM:
+        return r->starved
+                   ? err_say(r->why, ERR_NOMEM, "%s: out of memory", r->path)
+                   : err_say(r->why, ERR_RANGE, "%s: needs more than %.4g GB of memory to be read (--max-scene-memory)",
+                             r->path, (double)r->reading.memory_bytes / 1e9);
     case ERR_IO:
     case ERR_FORMAT:
     case ERR_RANGE:

@@ -56,11 +56,6 @@ struct ranks {
     MPI_Request took, asking;
 };
 
-static void rest(void)
-{
-    nanosleep(&(struct timespec){ 0, POLL_NS }, NULL);
-}
-
 static void wait_for(MPI_Request *q)
 {
     int done = 0;
@@ -520,7 +515,7 @@ enum err ranks_collect(struct ranks *r, bool all, enum err (*take)(void *context
         if (!found && !all)
             break;
         if (!found) {
-            rest();
+            nanosleep(&(struct timespec){ 0, POLL_NS }, NULL);
             continue;
         }
         const enum err one = receive_post(r, &status, e ? NULL : take, context);

@@ -390,15 +390,11 @@ static void add_to(struct sums *to, const struct sums *from, double weight)
     to->weight2_square += weight * weight * from->weight2_square;
 }
 
-/* The number of equally weighted answers that say as much. */
-static double answers_of(const struct sums *s)
-{
-    return s->weight2 > 0.0 ? s->weight * s->weight / s->weight2 : 0.0;
-}
-
 static void estimate(const struct sums *s, struct audit_result *out)
 {
-    const double n = answers_of(s), mean = s->weight > 0.0 ? s->value / s->weight : 0.0;
+    /* n: the number of equally weighted answers that say as much. */
+    const double n = s->weight2 > 0.0 ? s->weight * s->weight / s->weight2 : 0.0,
+                 mean = s->weight > 0.0 ? s->value / s->weight : 0.0;
     const double scatter = s->weight2_square - 2.0 * mean * s->weight2_value + mean * mean * s->weight2;
 
     out->error = mean;

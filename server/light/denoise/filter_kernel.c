@@ -30,11 +30,6 @@ struct tile {
     uint32_t count; /* of the points, rounded up to LANES */
 };
 
-static void copy(const float *from, uint32_t count, float *to)
-{
-    memcpy(to, from, count * sizeof(float));
-}
-
 /* planes: SURFACE_PLANES without the light. Points beyond at->count have the kind of none. */
 static void put_own(struct tile *t, const struct filter_points *at, int planes, float reach)
 {
@@ -42,7 +37,7 @@ static void put_own(struct tile *t, const struct filter_points *at, int planes, 
     for (int k = 0; k < SUMS; k++)
         memset(t->sum[k], 0, t->count * sizeof(float));
     for (int k = 0; k < planes; k++) {
-        copy(k < LIGHT ? at->surface[k] : at->light[k - LIGHT], at->count, t->own[k]);
+        memcpy(t->own[k], k < LIGHT ? at->surface[k] : at->light[k - LIGHT], at->count * sizeof(float));
         for (uint32_t i = at->count; i < t->count; i++)
             t->own[k][i] = k == SURFACE_KIND ? NO_POINT : k == SURFACE_WIDTH ? 1.0f : 0.0f;
     }
@@ -67,7 +62,8 @@ static bool put_near(struct tile *t, const struct filter_image *p, const struct 
         const float none = k == SURFACE_KIND ? NO_NEIGHBOUR : 0.0f;
         for (uint32_t i = 0; i < first; i++)
             t->near[k][i] = none;
-        copy((k < LIGHT ? p->surface[k] : p->light[k - LIGHT]) + from, end - first, t->near[k] + first);
+        memcpy(t->near[k] + first, (k < LIGHT ? p->surface[k] : p->light[k - LIGHT]) + from,
+               (end - first) * sizeof(float));
         for (uint32_t i = end; i < wide; i++)
             t->near[k][i] = none;
     }

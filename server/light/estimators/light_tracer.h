@@ -84,7 +84,6 @@ uint32_t start_join(struct box *boxes, size_t count);
 
 struct progress_part;
 struct light_tracer;
-struct sky_split;
 
 #define PARTICLES_A_STEP 4 /* so that counting costs little */
 

@@ -5,11 +5,6 @@
 
 #include <string.h>
 
-static size_t pixels_of(const struct gbuffer *g)
-{
-    return (size_t)g->width * g->height;
-}
-
 static enum err reserve(struct changes *c, size_t pixels)
 {
     if (c->pixels == pixels)
@@ -71,7 +66,7 @@ static void count(struct changes *c, uint32_t width)
 enum err changes_take(struct changes *c, const struct relighter *r, const struct relight_stats *stats, const float *rgb)
 {
     const struct gbuffer *g = r->set->gbuffer;
-    const size_t pixels = pixels_of(g);
+    const size_t pixels = (size_t)g->width * g->height;
     const enum err e = reserve(c, pixels);
     const uint8_t *work = !r->team && stats->cache.packets > 0 && !stats->cache_refused && r->cache.transport
                               ? transport_work(r->cache.transport)

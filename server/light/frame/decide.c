@@ -277,14 +277,6 @@ void decider_begin(struct decider *d, struct relighter *r, const struct frame_re
     get_cache(d, r, request, f.indirect); /* to compute it can wait for the first image */
 }
 
-static void note_denoised(struct decider *d, const struct relight_stats *stats)
-{
-    if (d->cache.glide == 0)
-        note_image(d, stats);
-    d->cache.glide = stats->glides;
-    d->cache.images++;
-}
-
 void decider_learn(struct decider *d, struct relighter *r, const struct frame_request *request,
                    const struct relight_stats *stats, const struct pilot_stats *measured)
 {
@@ -296,7 +288,10 @@ void decider_learn(struct decider *d, struct relighter *r, const struct frame_re
         d->cache.share = stats->cache_share;
     }
     if (request->by == DECIDED_BY_RULE && is_first(d, request)) {
-        note_denoised(d, stats);
+        if (d->cache.glide == 0)
+            note_image(d, stats);
+        d->cache.glide = stats->glides;
+        d->cache.images++;
         if (d->cache.begun)
             follow_cache(d, r, request, stats->still);
         else if (!request->no_cache)

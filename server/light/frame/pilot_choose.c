@@ -145,15 +145,6 @@ static struct budget_part budget_of(const struct pilot *p, int part)
     return w;
 }
 
-static void spend(const struct pilot *p, const struct budget_target *target, struct budget *out)
-{
-    struct budget_part parts[PILOT_PARTS];
-
-    for (int part = 0; part < PILOT_PARTS; part++)
-        parts[part] = budget_of(p, part);
-    budget_spend(parts, PILOT_PARTS, target, out);
-}
-
 /* Keeps the counts if others would gain little, so that noise is static in a still image: near the optimum the error
  * hardly depends on the division of time. */
 static void hold_counts(const struct pilot *p, const struct budget_target *target, struct budget *b)
@@ -211,7 +202,11 @@ void pilot_choose(struct pilot *p, const struct budget_target *target)
     if (left.seconds > 0.0)
         left.seconds = fmax(TIME_LEAST * target->seconds,
                             (p->runs ? 1.0 - pilot_share(p) : 1.0) * target->seconds - p->other_s - p->pilot_s);
-    spend(p, &left, &p->budget);
+    struct budget_part parts[PILOT_PARTS];
+
+    for (int part = 0; part < PILOT_PARTS; part++)
+        parts[part] = budget_of(p, part);
+    budget_spend(parts, PILOT_PARTS, &left, &p->budget);
     hold_counts(p, &left, &p->budget);
     memcpy(p->n, p->budget.n, sizeof(p->n));
     p->denoised = wants_filter(p, target);

@@ -52,24 +52,11 @@ struct relight_builder {
     struct reason why;
 };
 
-static void tell_end(const struct transport *t, double seconds)
-{
-    const struct transport_stats *s = transport_stats(t);
-
-    log_info("light transport: computed in the background in %.1f s, %.0f MB; %u of %u packets have lobes narrower "
-             "than its cells",
-             seconds, 1e-6 * (double)s->bytes, s->narrow, s->packets);
-}
-
-/* The layout of blocks, which is known from the start. */
-static const struct transport *layout_of(const struct relight_builder *b)
-{
-    return b->loaded ? b->loaded : transport_live_layout(b->live);
-}
-
 static struct indirect_desc describe_indirect(const struct relight_builder *b)
 {
-    struct indirect_desc d = relight_indirect_describe(b->set, &b->light, layout_of(b));
+    /* The layout of blocks is known from the start. */
+    struct indirect_desc d =
+        relight_indirect_describe(b->set, &b->light, b->loaded ? b->loaded : transport_live_layout(b->live));
 
     d.urgent = b->urgent;
     return d;
@@ -163,8 +150,13 @@ static const struct transport *build_direct(struct relight_builder *b)
     if (!b->error)
         b->error = transport_live_build(b->live, TRANSPORT_FINE, b->threads, &b->why);
     const struct transport *t = transport_live_built(b->live);
-    if (t)
-        tell_end(t, clock_seconds() - start);
+    if (t) {
+        const struct transport_stats *s = transport_stats(t);
+
+        log_info("light transport: computed in the background in %.1f s, %.0f MB; %u of %u packets have lobes narrower "
+                 "than its cells",
+                 clock_seconds() - start, 1e-6 * (double)s->bytes, s->narrow, s->packets);
+    }
     return t;
 }
 

@@ -131,11 +131,6 @@ static void publish(struct relight_lamps *l, double seconds)
     pthread_mutex_unlock(&l->lock);
 }
 
-static bool is_done(const struct relight_lamps *l)
-{
-    return l->done.samples >= l->desc.samples;
-}
-
 /* Runs one batch in each half. Batches grow, so that a first image is available soon. False: cancelled, or no
  * memory. */
 static bool refine(struct relight_lamps *l)
@@ -164,7 +159,7 @@ enum err relight_lamps_complete(struct relight_lamps *l, bool progress, struct r
     bool good = true;
 
     progress_begin(&line, "lighting by the lamps", l->desc.samples, progress ? stderr : NULL);
-    while (good && !is_done(l)) {
+    while (good && l->done.samples < l->desc.samples) {
         const uint64_t before = l->done.samples;
         good = refine(l);
         progress_step(&line, (uint32_t)(l->done.samples - before));
@@ -189,7 +184,7 @@ static void *refine_main(void *arg)
     bool good = true, urgent = true;
 
     omp_set_num_threads((int)l->threads);
-    while (good && !is_done(l)) {
+    while (good && l->done.samples < l->desc.samples) {
         const double start = clock_seconds();
         if (urgent && l->done.samples >= URGENT) {
             stand_back(l->threads);

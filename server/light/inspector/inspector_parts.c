@@ -20,12 +20,6 @@ struct points {
     float *lo;                           /* [g.packet_count][3][PACKET] */
 };
 
-static void points_finish(struct points *p)
-{
-    mem_free(p->g.packets);
-    mem_free(p->lo);
-}
-
 /* False when out of memory; call points_finish even then. */
 static bool points_init(struct points *p, const struct inspect_desc *desc)
 {
@@ -141,7 +135,8 @@ enum err inspect_divide(const struct inspect_desc *desc, struct inspect_result *
     a->parts.known = !e && !is_on_ground(&p, desc->scene);
     if (a->parts.known)
         e = divide(&p, desc, a);
-    points_finish(&p);
+    mem_free(p.g.packets);
+    mem_free(p.lo);
     return e;
 }
 

@@ -57,7 +57,6 @@ MUST_CHECK enum err bench_speed(const struct bench_desc *desc, struct script *to
 
 /* Data and functions that the rows share. Private to this room; main thread. */
 
-struct scene;
 struct part;
 
 #define BENCH_QUALITY 85 /* of JPEG, as relightd's default */

@@ -134,12 +134,6 @@ struct light { /* a sky, decoded and resampled */
     double table_ms;
 };
 
-static void light_finish(struct light *l)
-{
-    frame_finish(&l->frame);
-    environment_destroy(l->environment);
-}
-
 /* The first rebuild takes longer than the second by the resampling table. */
 static enum err light_init(struct light *l, const char *spec, struct reason *why)
 {
@@ -207,7 +201,8 @@ static enum err run_sky(struct chart *c, const struct prepared_scene *set, const
         else
             json_decref(panel);
     }
-    light_finish(&l);
+    frame_finish(&l.frame);
+    environment_destroy(l.environment);
     return e;
 }
 

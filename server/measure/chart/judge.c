@@ -8,11 +8,6 @@
 #define SOFT 1e-2 /* of mean(r)^2, added to r^2: docs, Conventions */
 #define BANDS 64  /* of values; added in order, so that the thread count changes nothing */
 
-static size_t values_of(const struct judge *j)
-{
-    return 3 * (size_t)j->width * j->height;
-}
-
 /* Mean of r over the pixels that count, and how many those are. */
 static double mean_of(const struct judge *j, const uint8_t *mask, uint64_t *pixels)
 {
@@ -50,7 +45,7 @@ enum err judge_init(struct judge *j, const float *a, const float *b, const uint8
                     uint32_t height, struct reason *why)
 {
     *j = (struct judge){ .a = a, .b = b, .width = width, .height = height };
-    const size_t values = values_of(j);
+    const size_t values = 3 * (size_t)j->width * j->height;
 
     j->mean = mem_alloc(values, sizeof(float));
     j->weight = mem_alloc(values, sizeof(float));
@@ -84,7 +79,7 @@ void judge_finish(struct judge *j)
 /* Half the sum of q ((x - a)(y - b) + (y - a)(x - b)). */
 static double product(const struct judge *j, const float *x, const float *y)
 {
-    const size_t values = values_of(j);
+    const size_t values = 3 * (size_t)j->width * j->height;
     double band[BANDS], sum = 0.0;
 
 #pragma omp parallel for schedule(static)

@@ -125,15 +125,6 @@ const struct technique *technique_pace(enum light_class c)
     return &techniques[k];
 }
 
-/* The choice of auto. */
-static void take_choice(const struct pilot_stats *p, struct technique_cost *cost)
-{
-    cost->expected = p->error;
-    cost->samples = (uint32_t)p->part[PILOT_DIRECT].n;
-    cost->eye_paths = (uint32_t)p->part[PILOT_EYE].n;
-    cost->particles = (uint64_t)(p->part[PILOT_AIMED].n + p->part[PILOT_WHOLE].n);
-}
-
 enum err technique_run(const struct technique *t, const struct technique_stage *stage, uint32_t budget, uint64_t seed,
                        float *rgb, struct technique_cost *cost, struct reason *why)
 {
@@ -172,8 +163,13 @@ enum err technique_run(const struct technique *t, const struct technique_stage *
         .prepared = 1e-3 * prepared,
         .prepared_bytes = stats.cache.bytes,
     };
-    if (request.by == DECIDED_BY_MEASURES && !result)
-        take_choice(&pilot, cost);
+    if (request.by == DECIDED_BY_MEASURES && !result) {
+        /* The choice of auto. */
+        cost->expected = pilot.error;
+        cost->samples = (uint32_t)pilot.part[PILOT_DIRECT].n;
+        cost->eye_paths = (uint32_t)pilot.part[PILOT_EYE].n;
+        cost->particles = (uint64_t)(pilot.part[PILOT_AIMED].n + pilot.part[PILOT_WHOLE].n);
+    }
     decider_finish(&decider);
     if (!result && t->kind == TECHNIQUE_PREPARED && stats.cache_frame.lit < stats.cache.packets)
         return err_say(why, ERR_RANGE, "%s: only %u of %u packets were computed", t->name, stats.cache_frame.lit,

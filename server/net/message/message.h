@@ -128,7 +128,7 @@ struct message {
     union {
         struct {
             enum server_role role;
-            uint32_t major, minor;
+            uint32_t major;
             char token[256];
             bool lockstep;
             char sequence[PROTOCOL_NAME_MAX + 1]; /* of a producer; "": none */
@@ -144,7 +144,6 @@ struct message {
         } subscribe;
         struct {
             uint64_t sequence;
-            int64_t displayed_us; /* on the server's clock as the viewer estimates it; 0: not said */
             bool stored;
         } ack;
         struct {

@@ -153,7 +153,6 @@ static enum fault_code parse_hello(const json_t *object, struct message *m, stru
                          sizeof(m->hello.token) - 1);
     m->hello.role = (enum server_role)role;
     m->hello.major = (uint32_t)major;
-    m->hello.minor = (uint32_t)minor;
     if (token)
         memcpy(m->hello.token, json_string_value(token), json_string_length(token) + 1);
     return parse_pace(object, m, fault);
@@ -199,7 +198,6 @@ static enum fault_code parse_ack(const json_t *object, struct message *m, struct
     if (stored && !json_is_boolean(stored))
         return fault_say(fault, FAULT_BAD_FIELD, "4.5.3", "stored must be true or false");
     m->ack.sequence = (uint64_t)sequence;
-    m->ack.displayed_us = displayed;
     m->ack.stored = json_is_true(stored);
     return FAULT_NONE;
 }

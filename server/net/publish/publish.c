@@ -127,11 +127,6 @@ static bool is_cancelled(void *user)
     return now_ms > o->deadline_ms;
 }
 
-static void limit_ms(struct outlet *o, int64_t ms)
-{
-    o->deadline_ms = clock_ms() + ms;
-}
-
 /* Keeps the parameter sets of a keyframe. *news: they differ from those before. */
 static enum err learn(struct outlet *o, const struct publish_entry *entry, const struct sink_unit *unit, bool *news,
                       struct reason *why)
@@ -194,7 +189,7 @@ static enum err write_entry(struct outlet *o, struct sink *sink, const struct pu
 
     if (!e && news)
         e = ERR_END;
-    limit_ms(o, WRITE_MS);
+    o->deadline_ms = clock_ms() + WRITE_MS;
     if (!e)
         e = sink_write(sink, &unit, why);
     if (!e)
@@ -246,7 +241,7 @@ static enum err serve(struct outlet *o, struct reason *why)
             image_unref(entry.image);
         }
     publish_queue_open(&o->queue, false);
-    limit_ms(o, CLOSE_MS);
+    o->deadline_ms = clock_ms() + CLOSE_MS;
     sink_close(sink);
     return e;
 }

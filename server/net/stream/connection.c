@@ -290,11 +290,6 @@ void flood_begin(struct websocket *ws)
     ws->flood.read = bytes_read(ws->wsi);
 }
 
-void flood_add(struct websocket *ws, size_t length)
-{
-    ws->flood.messages += (int64_t)(length + length / 64 + 64); /* headers of WebSocket and TLS, generously */
-}
-
 void flood_check(struct websocket *ws)
 {
     struct flood *f = &ws->flood;

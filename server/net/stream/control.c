@@ -3,13 +3,6 @@
 #include <stdio.h>
 #include <string.h>
 
-static void join(const struct setting *controls, struct server_control *to, const struct server_control *then)
-{
-    settings_join(controls, &to->asked, to->values, then->asked, then->values);
-    to->by = then->by;
-    to->request = then->request;
-}
-
 /* Words of one controller in a row are one change; between two controllers the order is kept, so that the last word
  * wins and each gets his answer. */
 bool control_ask(struct server *s, const struct server_control *c)
@@ -19,9 +12,11 @@ bool control_ask(struct server *s, const struct server_control *c)
     pthread_mutex_lock(&s->lock);
     struct server_control *last = k->waiting_count ? &k->waiting[k->waiting_count - 1] : NULL;
     const bool same = last && last->by == c->by, room = k->waiting_count < CONTROL_WAITING;
-    if (same)
-        join(s->controls, last, c);
-    else if (room)
+    if (same) {
+        settings_join(s->controls, &last->asked, last->values, c->asked, c->values);
+        last->by = c->by;
+        last->request = c->request;
+    } else if (room)
         k->waiting[k->waiting_count++] = *c;
     pthread_mutex_unlock(&s->lock);
     if (s->new_work)

@@ -8,11 +8,6 @@
 #include <stdio.h>
 #include <string.h>
 
-void ingest_init(struct ingest *g)
-{
-    clock_condition(&g->arrived);
-}
-
 void ingest_finish(struct ingest *g)
 {
     block_finish(&g->live.payload);

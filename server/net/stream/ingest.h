@@ -145,9 +145,7 @@ struct ingest {
     uint64_t received, superseded, refused, repeated;
 };
 
-/* An ingest without producers or sequences, whose sequences and notes ingest_finish frees. Thread: the owner's, before
- * and after all others. */
-void ingest_init(struct ingest *g);
+/* Frees the sequences and notes. Thread: the owner's, after all others. */
 void ingest_finish(struct ingest *g);
 
 /* All below take the server's lock themselves. Thread: service. */

@@ -182,7 +182,6 @@ struct flood {
     int64_t beside;         /* the most that other bytes have been */
     struct bucket bucket;
 };
-/* Begins to count; a piece of a message was received; closes ws if it sent too much else. */
+/* Begins to count; closes ws if it sent too much else. Who receives a piece of a message adds it to flood.messages. */
 void flood_begin(struct websocket *ws);
-void flood_add(struct websocket *ws, size_t length);
 void flood_check(struct websocket *ws);

@@ -365,7 +365,7 @@ struct server *server_prepare(const struct server_desc *desc, enum err *e, struc
         return NULL;
     }
     pthread_mutex_init(&s->lock, NULL);
-    ingest_init(&s->ingest);
+    clock_condition(&s->ingest.arrived);
     *e = copy_desc(s, desc, why);
     return s;
 }

@@ -45,7 +45,6 @@ const struct protocol_picture *image_header(const struct sent_image *p);
 const uint8_t *image_message(const struct sent_image *p, size_t *size);
 
 struct server;
-struct setting;
 
 /* Zero means the default. server_create copies the strings. */
 struct server_desc {

@@ -216,7 +216,7 @@ static int answer(struct lws *wsi, enum lws_callback_reasons reason, void *user,
     case LWS_CALLBACK_ESTABLISHED: return open_websocket(s, wsi, slot);
     case LWS_CALLBACK_RECEIVE:
         ws->heard_us = stream_now_us();
-        flood_add(ws, length);
+        ws->flood.messages += (int64_t)(length + length / 64 + 64); /* headers of WebSocket and TLS, generously */
         websocket_receive(ws, in, length);
         lws_validity_confirmed(wsi);
         return 0;

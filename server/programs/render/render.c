@@ -376,13 +376,14 @@ enum err render_sequence(const struct render_desc *desc, struct reason *why)
     if (e)
         return finish(&r, e, why);
     if (r.team && ranks_index(desc->ranks) > 0) {
-        e = render_split_serve(&r, why);
+        e = team_serve(r.team, why);
     } else {
         e = r.team ? prepare_light(&r, why) : ERR_OK;
         if (!e)
             e = render_all(&r, why);
     }
-    render_split_end(&r);
+    team_destroy(r.team);
+    r.team = NULL;
     e = sum_up(&r, e, why);
     return finish(&r, e, why);
 }

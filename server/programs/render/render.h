@@ -154,13 +154,11 @@ MUST_CHECK enum err render_collect_take(struct render *r, bool all, struct reaso
 MUST_CHECK enum err render_collect_end(struct render *r, enum err own, struct reason *why);
 
 /* split.c: ranks light each frame together. render_split_begin joins them, collectively; then rank 0 renders and the
- * others run render_split_serve until render_split_end, which also logs the times. Errors are those of team.h;
+ * others run team_serve until team_destroy, which also logs the times. Errors are those of team.h;
  * ERR_USAGE: a ground. render_split_take makes the frame that was taken ahead the current one; errors of
  * source_next. */
 MUST_CHECK enum err render_split_begin(struct render *r, struct reason *why);
-MUST_CHECK enum err render_split_serve(struct render *r, struct reason *why);
 MUST_CHECK enum err render_split_take(struct render *r, struct reason *why);
-void render_split_end(struct render *r);
 
 /* statistics.c: the JSON object of the last frame, to be freed with free; NULL when out of memory. ms: decoding,
  * rebuilding the tables, writing. */

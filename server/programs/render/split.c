@@ -69,14 +69,3 @@ enum err render_split_begin(struct render *r, struct reason *why)
         team_look_ahead(r->team, look_ahead, r);
     return e;
 }
-
-enum err render_split_serve(struct render *r, struct reason *why)
-{
-    return team_serve(r->team, why);
-}
-
-void render_split_end(struct render *r)
-{
-    team_destroy(r->team);
-    r->team = NULL;
-}

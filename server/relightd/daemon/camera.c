@@ -106,15 +106,6 @@ static bool is_too_costly(struct shade_thread *t, struct prepared_scene *set, co
     return true;
 }
 
-/* The coarse first view goes; nothing uses it any more. */
-static void replace_first(struct shade_thread *t, struct prepared_scene *set)
-{
-    lamps_leave_first(t);
-    set_hand_over(t->first_set, set);
-    set_destroy(t->first_set);
-    t->first_set = set;
-}
-
 /* Switches to a view and takes ownership of it. False: out of memory, and the old view stays. */
 static bool switch_to(struct shade_thread *t, struct prepared_scene *set, bool coarse)
 {
@@ -129,8 +120,13 @@ static bool switch_to(struct shade_thread *t, struct prepared_scene *set, bool c
         return false;
     }
     leave_view(t);
-    if (set != t->first_set && t->camera.complete)
-        replace_first(t, set);
+    if (set != t->first_set && t->camera.complete) {
+        /* The coarse first view goes; nothing uses it any more. */
+        lamps_leave_first(t);
+        set_hand_over(t->first_set, set);
+        set_destroy(t->first_set);
+        t->first_set = set;
+    }
     t->set = set;
     t->relighter = r;
     t->coarse_view = coarse;

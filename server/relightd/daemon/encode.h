@@ -11,8 +11,6 @@
 #include <pthread.h>
 
 struct encode_thread;
-struct shaded;
-struct shared;
 
 /* shared must outlive the thread. ERR_NOMEM: *out is NULL. Main thread. */
 MUST_CHECK enum err encode_thread_create(struct shared *shared, struct encode_thread **out, struct reason *why);

@@ -53,14 +53,6 @@ static double track_bits(struct encode_thread *t, unsigned track, const struct s
            h264_max_useful_rate(c->setup.set_desc.width, c->setup.set_desc.height, track_rate(t, 0));
 }
 
-static void log_failure(struct encode_thread *t, const struct shaded *in, enum err e)
-{
-    if (!t->h264_failed)
-        log_warning("H.264 of %ux%u failed: %s; viewers go back to JPEG", in->header.width, in->header.height,
-                    err_text(e));
-    t->h264_failed = true;
-}
-
 /* Refined images of a still image get full quality. */
 static double encode(struct encode_thread *t, const struct shaded *in, unsigned track, double tone_ms,
                      const struct server_demand *demand, bool key)
@@ -89,7 +81,10 @@ static double encode(struct encode_thread *t, const struct shaded *in, unsigned 
     const enum err e =
         v->encoder ? h264_encode(v->encoder, t->display[server_track_scale(track)], &desc, &out) : ERR_NOMEM;
     if (e) {
-        log_failure(t, in, e);
+        if (!t->h264_failed)
+            log_warning("H.264 of %ux%u failed: %s; viewers go back to JPEG", in->header.width, in->header.height,
+                        err_text(e));
+        t->h264_failed = true;
         v->key_s = clock_seconds(); /* try again, but not with every image */
         return 0.0;
     }

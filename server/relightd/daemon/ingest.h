@@ -8,7 +8,6 @@
 #include <pthread.h>
 
 struct ingest_thread;
-struct shared;
 
 /* Opens the source, or starts the process that decodes producers' files. shared must outlive the thread. On any error
  * *out is NULL and *why explains it. Errors are those of source_open and decoder_create. Main thread. */

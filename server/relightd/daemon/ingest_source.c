@@ -179,14 +179,6 @@ static void pace(struct pull *p)
     }
 }
 
-static void swap_frames(struct pull *p)
-{
-    const struct frame before = p->frame;
-
-    p->frame = p->coming;
-    p->coming = before;
-}
-
 /* A web server that was waited for may bring a video that can be moved in. */
 static void take_kind(struct pull *p)
 {
@@ -199,14 +191,6 @@ static void take_kind(struct pull *p)
     status_set_kind(&p->shared->status, p->shared);
 }
 
-/* After the first frame, which was read while the scene was loading. */
-static void begin_with(struct pull *p)
-{
-    ingest_wait_prepared(p->t);
-    relight(p);
-    p->next_ms = clock_ms();
-}
-
 /* Publishes the frame that was read, or reports why there is none. */
 static void take_frame(struct pull *p, enum err read)
 {
@@ -216,14 +200,21 @@ static void take_frame(struct pull *p, enum err read)
     enum err e = read;
 
     if (!e) {
-        swap_frames(p);
+        const struct frame before = p->frame;
+
+        p->frame = p->coming;
+        p->coming = before;
         e = ingest_frame(p->t, &p->frame, &none, p->why);
     }
     p->version = version;
     p->count++;
     p->used += !e;
-    if (p->count == 1)
-        begin_with(p);
+    if (p->count == 1) {
+        /* After the first frame, which was read while the scene was loading. */
+        ingest_wait_prepared(p->t);
+        relight(p);
+        p->next_ms = clock_ms();
+    }
     if (e && p->used == 0 && p->count == length)
         log_error("none of the %" PRIu64 " frames of --source %s can be used: there is no image until one can", length,
                   p->shared->config.setup.source_desc.spec);

@@ -58,7 +58,7 @@ enum err job_join(struct job *j, struct shared *s, int argc, char **argv, struct
 
 enum err job_lead(struct job *j, struct shared *s, struct shade_thread *shade, struct reason *why)
 {
-    struct relighter *r = shade_thread_relighter(shade);
+    struct relighter *r = shade->first_relighter;
     const struct team_desc desc = describe(s, r);
 
     if (!s->ranks) {

@@ -127,7 +127,7 @@ static enum err prepare(struct daemon *d, struct reason *why)
         e = shade_thread_prepare(d->shade, why);
     if (e)
         return e;
-    const struct prepared_scene *set = shade_thread_set(d->shade);
+    const struct prepared_scene *set = d->shade->set;
     s->settings.scene = set->scene;
     s->settings.estimate = shade_thread_estimate;
     s->settings.estimate_user = d->shade;

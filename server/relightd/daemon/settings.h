@@ -12,7 +12,6 @@
 #include <stdint.h>
 
 struct daemon_config;
-struct scene;
 struct server;
 struct server_control;
 
@@ -47,7 +46,7 @@ struct settings_store {
     struct source_request request;        /* {lock} */
     struct saved_view views[SAVED_VIEWS]; /* {lock} in the order of saving */
     unsigned view_count;                  /* {lock} */
-    atomic_bool views_changed;            /* since the last settings_take_views */
+    atomic_bool views_changed;            /* since the shade thread has last looked */
     atomic_bool request_waiting;
     atomic_uint_least64_t proven; /* the latest light_version with a finished image; others are not saved */
     atomic_int jpeg_quality;      /* 1..100, for viewers that do not choose one */
@@ -78,7 +77,6 @@ MUST_CHECK enum err settings_save_view(struct settings_store *store, const char 
 MUST_CHECK enum err settings_forget_view(struct settings_store *store, const char *name, struct reason *why);
 /* Copies the saved views to out[SAVED_VIEWS] and returns their number. */
 unsigned settings_views(struct settings_store *store, struct saved_view *out);
-bool settings_take_views(struct settings_store *store); /* whether they have changed since the last call */
 
 /* Whether an image with `s` would exceed the limit (--max-picture-seconds) and take longer than with the current
  * settings; *why then explains it. Thread: that of the estimate. */

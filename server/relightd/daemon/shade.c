@@ -197,7 +197,7 @@ static enum err apply_controls(struct shade_thread *t, struct reason *why)
     if (atomic_exchange(shared->reload, false))
         daemon_config_reload(&shared->readings, &shared->settings, shared->server);
     settings_take_control(&shared->settings);
-    if (settings_take_views(&shared->settings))
+    if (atomic_exchange(&shared->settings.views_changed, false))
         status_set_cameras(&shared->status, &shared->settings, t->set->camera);
     if (camera_follow_settings(t) && t->held != HANDOFF_NONE) {
         const struct ingested *in = &shared->frames.slot[t->held];
@@ -371,16 +371,6 @@ failed:
 double shade_thread_estimate(void *t, const struct settings *s)
 {
     return image_seconds(t, ((struct shade_thread *)t)->set, s);
-}
-
-struct relighter *shade_thread_relighter(struct shade_thread *t)
-{
-    return t->first_relighter;
-}
-
-const struct prepared_scene *shade_thread_set(const struct shade_thread *t)
-{
-    return t->set;
 }
 
 enum err shade_thread_prepare(struct shade_thread *t, struct reason *why)

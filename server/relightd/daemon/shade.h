@@ -16,23 +16,12 @@
 #include <stdatomic.h>
 #include <stdbool.h>
 
-struct environment;
-struct prepared_scene;
-struct relight_desc;
 struct relighter;
-struct settings;
 struct shade_thread;
-struct shared;
 
 /* Loads the scene and computes the view. shared must outlive the thread. On any error *out is NULL and *why explains
  * it. Errors are those of set_create; ERR_NOMEM. */
 MUST_CHECK enum err shade_thread_create(struct shared *shared, struct shade_thread **out, struct reason *why);
-
-/* The scene before the current camera. Owned by t. */
-const struct prepared_scene *shade_thread_set(const struct shade_thread *t);
-
-/* The relighter of the first view, which stays in a job. Owned by t. */
-struct relighter *shade_thread_relighter(struct shade_thread *t);
 
 /* A team_next (job/team/team.h) of a shade_thread: the next frame, if it is there and its image due. */
 bool shade_thread_next(void *thread, const struct environment **e, const struct relight_desc **request);

@@ -23,17 +23,9 @@
  * manager. Each thread reports its events here; the board aggregates them and passes them to the server. The board
  * locks. Thread: any. */
 
-struct decoder_counts;
-struct handoff;
-struct image_faults;
 struct ingested;
 struct pilot_stats;
-struct relight_desc;
-struct relight_stats;
-struct scene;
-struct settings_store;
 struct shared;
-struct refiner_stats;
 
 struct status_board {
     struct server *server; /* constant */
@@ -119,8 +111,6 @@ void status_sentence(struct status_board *b, uint32_t viewers, char *text, size_
 /* Handoff between threads: frames from ingest to shade, images from shade to encode. Three slots each
  * (base/handoff.h): the newest wins, and one thread at a time writes or reads a slot. As a job, the shade thread takes
  * frames early, and there are four. */
-
-struct daemon_config;
 
 /* An environment frame, ready to light the scene. */
 struct ingested {

@@ -85,8 +85,3 @@ unsigned settings_views(struct settings_store *store, struct saved_view *out)
     pthread_mutex_unlock(&store->lock);
     return count;
 }
-
-bool settings_take_views(struct settings_store *store)
-{
-    return atomic_exchange(&store->views_changed, false);
-}

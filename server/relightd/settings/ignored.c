@@ -47,14 +47,11 @@ static const char *without_store(const struct setup *s)
     return may ? without_caustics(s) : "light paths are kept for --caustics stored alone";
 }
 
-static bool is_cached(const struct setup *s)
-{
-    return s->light.direct.method == METHOD_CACHED || (s->light.direct.method == METHOD_AUTO && s->allow_bias > 0.0);
-}
-
 static const char *without_cache(const struct setup *s)
 {
-    return is_cached(s) ? NULL : "only --method cached, and auto with --allow-bias, have a cache";
+    return s->light.direct.method == METHOD_CACHED || (s->light.direct.method == METHOD_AUTO && s->allow_bias > 0.0)
+               ? NULL
+               : "only --method cached, and auto with --allow-bias, have a cache";
 }
 
 static const char *without_memory(const struct setup *s)

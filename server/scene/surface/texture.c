@@ -122,14 +122,9 @@ static struct texel mix(struct texel a, struct texel b, float share)
                            a.alpha + share * (b.alpha - a.alpha) };
 }
 
-static struct texel lookup(const struct texture *t, float u, float v)
-{
-    return bilinear(t, finest(t), u, v);
-}
-
 struct vec3 texture_lookup(const struct texture *t, float u, float v)
 {
-    return lookup(t, u, v).colour;
+    return bilinear(t, finest(t), u, v).colour;
 }
 
 float texture_alpha(const struct texture *t, float u, float v)
@@ -169,7 +164,7 @@ static struct texel filter(const struct texture *t, float u, float v, const floa
     struct texel sum = { 0 };
 
     if (!isfinite(u) || !isfinite(v) || !isfinite(major) || major <= 1.0)
-        return lookup(t, u, v);
+        return bilinear(t, finest(t), u, v);
     /* The width across the longer edge. If that is much narrower, several filters cover the length. */
     const double minor = fabs(edge[0][0] * edge[1][1] - edge[0][1] * edge[1][0]) / major;
     const double width = fmax(fmax(minor, 1.0), major / TAPS_MAX);

@@ -15,11 +15,6 @@ static uint32_t in_row(uint32_t mf, uint32_t row)
     return row < ROWS * mf ? mf * tregenza[row / mf] : 1;
 }
 
-static double row_height(uint32_t mf)
-{
-    return 0.5 * PI / (ROWS * mf + 0.5);
-}
-
 uint32_t reinhart_count(uint32_t mf)
 {
     uint32_t count = 2; /* ground and zenith */
@@ -42,7 +37,7 @@ static uint32_t first_of(uint32_t mf, uint32_t row)
 
 struct reinhart_patch reinhart_patch(uint32_t mf, uint32_t patch)
 {
-    const double height = row_height(mf);
+    const double height = 0.5 * PI / (ROWS * mf + 0.5);
     uint32_t row = 0;
 
     assert(patch < reinhart_count(mf));
@@ -69,7 +64,7 @@ uint32_t reinhart_subdivision(uint64_t count)
 
 struct reinhart_row reinhart_row(uint32_t mf, uint32_t row)
 {
-    const double height = row_height(mf);
+    const double height = 0.5 * PI / (ROWS * mf + 0.5);
 
     assert(row <= ROWS * mf);
     return (struct reinhart_row){ .bottom = height * row,

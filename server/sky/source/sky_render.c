@@ -126,12 +126,6 @@ static void render_row(const struct sky_row *row, const struct angle_entry table
     }
 }
 
-/* Azimuth of the centre of column i, where w = (sin theta sin phi, cos theta, sin theta cos phi). */
-static double column_phi(uint32_t i, uint32_t width)
-{
-    return PI - 2.0 * PI * (i + 0.5) / width;
-}
-
 static void render_dome(const struct sky_desc *d, const struct sky_state *s, float *rgb)
 {
     struct angle_entry table[STEPS + 1];
@@ -142,7 +136,8 @@ static void render_dome(const struct sky_desc *d, const struct sky_state *s, flo
     assert(width == 2 * d->height && d->height % 2 == 0 && width <= SKY_SIDE_MAX);
     fill_table(&s->dome, table);
     for (uint32_t i = 0; i < width; i++) {
-        const double h = sin(0.5 * (column_phi(i, width) - sun_phi));
+        /* The azimuth phi of the centre of column i, where w = (sin theta sin phi, cos theta, sin theta cos phi). */
+        const double h = sin(0.5 * ((PI - 2.0 * PI * (i + 0.5) / width) - sun_phi));
         half_sine[i] = (float)(h * h);
     }
 #pragma omp parallel for schedule(static)

@@ -237,9 +237,9 @@ static void rig_load(struct rig *r)
     struct reason why;
 
     assert_int_equal(shade_thread_create(s, &r->shade, &why), ERR_OK);
-    s->settings.scene = shade_thread_set(r->shade)->scene;
-    settings_set_camera(&s->settings, shade_thread_set(r->shade)->camera);
-    status_set_cameras(&s->status, &s->settings, shade_thread_set(r->shade)->camera);
+    s->settings.scene = r->shade->set->scene;
+    settings_set_camera(&s->settings, r->shade->set->camera);
+    status_set_cameras(&s->status, &s->settings, r->shade->set->camera);
 }
 
 static void rig_end(struct rig *r)
