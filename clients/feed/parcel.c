@@ -3,7 +3,6 @@
 #include "base/half.h"
 #include "base/mem.h"
 #include "image/codec/decode.h"
-#include "image/codec/exr_policy.h"
 
 #include <inttypes.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-#include "base/config.h"
+#include "base/command.h"
 
 #include "base/log.h"
 #include "base/mem.h"

@@ -164,6 +164,9 @@ MUST_CHECK enum err settings_from_json(const struct setting *rows, unsigned prog
 /* The fields of rows that have all bits of `use`, as a new JSON object; NULL when out of memory. */
 struct json_t *settings_to_json(const struct setting *rows, unsigned use, const void *values);
 
+/* A text from outside as a new JSON string: it may not be UTF-8; then a string says so instead. */
+struct json_t *words_to_json(const char *text);
+
 /* The values that controllers may set, as a new JSON object: each row's range, or its choices with their meaning.
  * NULL when out of memory. */
 struct json_t *settings_ranges(const struct setting *rows, unsigned program);

@@ -126,8 +126,7 @@ void settings_join(const struct setting *rows, uint32_t *asked, void *values, ui
     *asked |= then;
 }
 
-/* Words from outside may not be UTF-8; then they are left out rather than the message. */
-static json_t *word_to_json(const char *text)
+json_t *words_to_json(const char *text)
 {
     json_t *s = json_string(text);
     return s ? s : json_string("(not UTF-8)");
@@ -149,7 +148,7 @@ static json_t *row_to_json(const struct setting *s, const void *values)
         return json_real(isfinite(v) ? v : 0.0); /* JSON has neither NaN nor infinity */
     }
     case SETTING_CHOICE: return json_string(choice_name(s->choices, (int)setting_whole(s, values)));
-    case SETTING_NAME: return word_to_json(at);
+    case SETTING_NAME: return words_to_json(at);
     default: return json_integer(setting_whole(s, values));
     }
 }

@@ -12,7 +12,7 @@
 #include "image/film/film.h"
 #include "light/frame/relight.h"
 #include "light/resolve/resolve.h"
-#include "measure/chart/truth.h"
+#include "measure/chart/judge.h"
 #include "sky/source/source.h"
 
 #include <stdio.h>
@@ -63,7 +63,7 @@ static bool load_truth(struct rig *r, const char *path)
     return all;
 }
 
-/* By paths with camera rays of their own (measure/chart/truth.h). */
+/* By paths with camera rays of their own (measure/chart/judge.h). */
 static enum err make_truth(struct rig *r, int passes, const char *path)
 {
     const struct truth_desc desc = { .set = r->set,

@@ -2,7 +2,7 @@
  * flags accept the values, or say what is wrong. */
 #include "harness.h"
 
-#include "base/config.h"
+#include "base/command.h"
 #include "base/setting_table.h"
 
 #include <jansson.h>

@@ -2,7 +2,7 @@
  * an allowed compression. */
 #include "harness.h"
 
-#include "image/codec/exr_policy.h"
+#include "image/codec/decode.h"
 
 #include <openexr.h>
 #include <stdio.h>

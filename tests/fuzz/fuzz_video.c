@@ -4,7 +4,6 @@
 
 #include "base/mem.h"
 #include "import/decoder/internal.h"
-#include "import/decoder/serve.h"
 #include "import/demux/demux.h"
 #include "import/demux/internal.h"
 

@@ -1,6 +1,5 @@
 /* What a file's header claims, before the rest is read: a file can be any size without taking up a disk. */
 #include "image/codec/decode.h"
-#include "image/codec/exr_policy.h"
 
 #include <stdbool.h>
 #include <stdio.h>

@@ -1,4 +1,4 @@
-#include "image/codec/cryptomatte.h"
+#include "image/codec/encode.h"
 
 #include "base/mem.h"
 

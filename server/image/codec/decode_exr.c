@@ -4,7 +4,6 @@
 #include "image/codec/colour.h"
 #include "image/codec/exr_dwa.h"
 #include "image/codec/exr_file.h"
-#include "image/codec/exr_policy.h"
 
 #include <inttypes.h>
 #include <stdio.h>

@@ -1,5 +1,3 @@
-#include "image/codec/exr_policy.h"
-
 #include "image/codec/decode.h"
 
 #include <stdbool.h>

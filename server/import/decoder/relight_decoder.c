@@ -1,5 +1,5 @@
 /* relight-decoder: the process that relightd starts to decode images from the network. */
-#include "import/decoder/serve.h"
+#include "import/decoder/internal.h"
 
 int main(int argc, char **argv)
 {

@@ -1,5 +1,5 @@
 /* relight-video: the process that the programs start to decode video. */
-#include "import/decoder/serve.h"
+#include "import/decoder/internal.h"
 
 int main(int argc, char **argv)
 {

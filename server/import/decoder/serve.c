@@ -1,7 +1,6 @@
 #define _GNU_SOURCE /* MAP_NORESERVE */
-#include "import/decoder/serve.h"
-
 #include "import/decoder/internal.h"
+
 #include "import/sandbox/confine.h"
 #include "import/sandbox/helper_process.h"
 

@@ -1,7 +1,6 @@
-#include "import/decoder/serve.h"
+#include "import/decoder/internal.h"
 
 #include "base/mem.h"
-#include "import/decoder/internal.h"
 
 #include <libavcodec/avcodec.h>
 #include <libavutil/stereo3d.h>

@@ -1,4 +1,4 @@
-#include "import/decoder/serve.h"
+#include "import/decoder/internal.h"
 
 #include "base/mem.h"
 

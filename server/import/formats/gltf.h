@@ -107,7 +107,6 @@ MUST_CHECK enum err gltf_index(const struct gltf *g, const struct gltf_at *at, c
                                size_t *out);
 /* As gltf_index, of a value itself; ERR_FORMAT also if it is missing. */
 MUST_CHECK enum err gltf_index_of(const struct gltf *g, const struct gltf_at *at, enum gltf_list list, size_t *out);
-bool gltf_flag(const struct gltf_at *at, const char *key); /* whether the member is true */
 /* NULL if missing or no string. */
 const char *gltf_string(const struct gltf_at *at, const char *key);
 

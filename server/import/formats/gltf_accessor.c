@@ -53,7 +53,7 @@ static enum err read_head(const struct gltf *g, const struct gltf_at *at, struct
         e = read_type(g, at, &a->elements.type);
     if (!e && (a->count < 1 || a->count > MESH_ELEMENTS_MAX))
         e = gltf_fault(g, at, ERR_RANGE, "count is %zu, not within 1 to %" PRIu32, a->count, MESH_ELEMENTS_MAX);
-    a->normalized = gltf_flag(at, "normalized");
+    a->normalized = json_is_true(json_object_get(at->value, "normalized"));
     return e;
 }
 

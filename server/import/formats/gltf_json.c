@@ -146,11 +146,6 @@ enum err gltf_index(const struct gltf *g, const struct gltf_at *at, const char *
     return v.value ? gltf_index_of(g, &v, list, out) : ERR_OK;
 }
 
-bool gltf_flag(const struct gltf_at *at, const char *key)
-{
-    return json_is_true(json_object_get(at->value, key));
-}
-
 const char *gltf_string(const struct gltf_at *at, const char *key)
 {
     return json_string_value(json_object_get(at->value, key));

@@ -25,7 +25,7 @@ static enum err leave_out_outlines(struct gltf *g, size_t meshes_before)
     enum err e = single_sided && dropped ? ERR_OK : ERR_NOMEM;
     for (size_t i = 0; i < g->counts[GLTF_MATERIALS] && !e; i++) {
         const struct gltf_at at = gltf_element(g, GLTF_MATERIALS, i);
-        single_sided[g->first_material + i] = !gltf_flag(&at, "doubleSided");
+        single_sided[g->first_material + i] = !json_is_true(json_object_get(at.value, "doubleSided"));
     }
     if (!e)
         e = scene_drop_outlines(g->scene, meshes_before, single_sided, dropped);

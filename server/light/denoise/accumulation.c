@@ -1,4 +1,4 @@
-#include "light/denoise/accumulation.h"
+#include "light/denoise/denoise.h"
 
 #include "base/mem.h"
 

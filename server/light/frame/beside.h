@@ -1,5 +1,5 @@
 /* Caustics in live images, and the part of them that eye paths find in mirrors and through glass. They are resampled
- * in every image; a history (accumulation.h) carries them over to the next ones, before and after the cache is
+ * in every image; a history (denoise.h) carries them over to the next ones, before and after the cache is
  * complete. The history of the points' other light never contains them, so that another estimator can take over.
  *
  * Particles splat on pixels. So that the filter can process the splats, they are converted to light at the shade points
@@ -19,7 +19,6 @@
 #pragma once
 
 #include "light/denoise/denoise.h"
-#include "light/denoise/accumulation.h"
 #include "light/frame/relight_cache.h"
 #include "light/frame/frame_plan.h"
 

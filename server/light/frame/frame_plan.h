@@ -15,7 +15,7 @@ enum pass_kind {
     PASS_CACHED,     /* direct light by the cache, and indirect light if the plan leaves it to the cache */
     PASS_EYE,        /* adds `eye` */
     PASS_FILTER,     /* denoises two halves */
-    PASS_ACCUMULATE, /* the same, with the light of earlier images (accumulation.h) */
+    PASS_ACCUMULATE, /* the same, with the light of earlier images (denoise.h) */
     PASS_LEAVE,      /* light of earlier images gives way to the cache's */
     PASS_BEHIND,     /* adds stored eye paths behind mirrors and glass */
     PASS_BESIDE,     /* adds live caustics (beside.h), among them `eye` */

@@ -3,7 +3,6 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "base/progress.h"
-#include "light/denoise/accumulation.h"
 #include "light/denoise/denoise.h"
 #include "light/frame/beside.h"
 #include "light/frame/relighter.h"
@@ -151,8 +150,8 @@ static enum err add_beside(struct relighter *r, const struct environment *e, con
     beside_describe(r->beside, e, desc, stats, relight_cache_behind(&r->cache) != NULL, glides, plan);
     const uint32_t later = relight_plan_later(desc, &stats->plan);
     const enum err result = later ? relight_caustics_begin(&r->caustics, r->set, desc, later) : ERR_OK;
-    if (!result)
-        relight_cache_take_caustics(&r->cache, &r->caustics);
+    if (!result && r->cache.builder)
+        relight_builder_take_caustics(r->cache.builder, &r->caustics);
     return result;
 }
 

@@ -98,7 +98,7 @@ struct relight_desc {
     bool denoise;          /* filter the light at shade points (denoise.h): each half gets half the samples and paths,
                               but at least one path, and eight samples of direct light alone without `remember`. Not
                               for references */
-    bool remember;         /* live images: samples of earlier images count, too (accumulation.h). With `denoise`, before
+    bool remember;         /* live images: samples of earlier images count, too (denoise.h). With `denoise`, before
                               a cache exists. Caustics (beside.h) keep this afterwards, except with a ground */
     bool glide;            /* under a still sky images with a filter glide (ACCUMULATION_GLIDE) */
     struct progress *progress;         /* a progress line that the image advances by one step; may be NULL. Not for

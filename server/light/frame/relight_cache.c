@@ -246,12 +246,6 @@ const struct eye_store *const *relight_cache_behind(const struct relight_cache *
     return c->builder ? relight_builder_behind(c->builder) : NULL;
 }
 
-void relight_cache_take_caustics(struct relight_cache *c, struct relight_caustics *to)
-{
-    if (c->builder)
-        relight_builder_take_caustics(c->builder, to);
-}
-
 bool relight_cache_is_settled(const struct relight_cache *c)
 {
     return !c->building && c->transport && transport_is_settled(c->transport);

@@ -200,9 +200,8 @@ MUST_CHECK enum err relight_cache_narrow(struct relight_cache *c);
 /* As relighter_follow. */
 double relight_cache_follow(struct relight_cache *c);
 
-/* As relight_builder_behind and relight_builder_take_caustics. */
+/* As relight_builder_behind. */
 const struct eye_store *const *relight_cache_behind(const struct relight_cache *c);
-void relight_cache_take_caustics(struct relight_cache *c, struct relight_caustics *to);
 
 /* True once there is a finished cache, and frames use no other. */
 bool relight_cache_is_settled(const struct relight_cache *c);

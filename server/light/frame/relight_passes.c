@@ -5,7 +5,6 @@
 #include "base/mem.h"
 #include "base/rng.h"
 #include "light/cache/cache_share.h"
-#include "light/denoise/accumulation.h"
 #include "light/denoise/denoise.h"
 #include "light/frame/beside.h"
 #include "light/frame/part.h"

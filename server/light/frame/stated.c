@@ -5,7 +5,6 @@
 #include "base/mem.h"
 #include "base/rng.h"
 #include "light/audit/audit.h"
-#include "light/denoise/accumulation.h"
 #include "light/denoise/denoise.h"
 #include "light/frame/frame_plan.h"
 #include "light/resolve/resolve.h"

@@ -1,6 +1,7 @@
 #include "light/inspector/inspector.h"
 
 #include "base/mem.h"
+#include "base/setting.h"
 #include "base/text.h"
 #include "image/codec/encode.h"
 #include "image/film/film.h"
@@ -79,18 +80,11 @@ static json_t *mean_json(const struct inspect_mean *m)
                      "estimates", (int)m->estimates);
 }
 
-/* A name from a file may be invalid UTF-8. */
-static json_t *words(const char *text)
-{
-    json_t *s = json_string(text);
-    return s ? s : json_string("(not UTF-8)");
-}
-
 /* The material as described in the scene, without textures. */
 static json_t *material_json(const struct scene *scene, uint32_t index)
 {
     const struct material *m = &scene->materials[index];
-    json_t *j = json_pack("{s:o, s:s}", "name", words(m->name), "kind", material_kind_name(m->kind));
+    json_t *j = json_pack("{s:o, s:s}", "name", words_to_json(m->name), "kind", material_kind_name(m->kind));
 
     if (m->kind == MATERIAL_PHONG)
         json_object_set_new(j, "exponent", number(m->exponent));
@@ -312,8 +306,8 @@ static json_t *report_json(struct inspector *p, const struct environment *e, con
     const struct gbuffer *g = d->gbuffer;
     json_t *j = json_pack("{s:i, s:i, s:i, s:i, s:I, s:o, s:s, s:i, s:o, s:s}", "x", (int)q->x, "y", (int)q->y, "width",
                           (int)g->width, "height", (int)g->height, "frame", (json_int_t)e->number, "camera",
-                          words(p->set->camera), "method", method_name(a->method), "samples", (int)a->samples, "preset",
-                          q->figure ? json_string("fig1") : json_null(), "sees", sees(a));
+                          words_to_json(p->set->camera), "method", method_name(a->method), "samples", (int)a->samples,
+                          "preset", q->figure ? json_string("fig1") : json_null(), "sees", sees(a));
 
     if (!j)
         return NULL;

@@ -2,6 +2,7 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
+#include "base/setting.h"
 #include "base/sort.h"
 #include "image/codec/encode.h"
 #include "measure/chart/script.h"
@@ -402,8 +403,8 @@ json_t *bench_row_json(const struct bench_row *row)
     json_t *o = json_pack("{s:i, s:o, s:o, s:o}", "rounds", row->rounds, "ours", script_number(row->ours), "bare",
                           script_number(row->bare), "ratio", script_number(row->ratio));
 
-    json_object_set_new(o, "note", script_text(row->note));
-    json_object_set_new(o, "skipped", script_text(row->skipped));
+    json_object_set_new(o, "note", words_to_json(row->note));
+    json_object_set_new(o, "skipped", words_to_json(row->skipped));
     return o;
 }
 
@@ -419,7 +420,7 @@ static json_t *title(const struct bench *b)
         b->set->name, (unsigned long long)b->set->scene->triangle_count, sky->name, sky->image.width, sky->image.height,
         bench_skies_text(b, skies), b->desc->width, b->desc->height, method_name(b->desc->method), b->desc->samples,
         b->threads, omp_get_num_procs(), b->kernels->level, b->desc->rounds);
-    return script_text(text);
+    return words_to_json(text);
 }
 
 static enum err run_row(struct bench *b, size_t i, json_t *all, struct reason *why)

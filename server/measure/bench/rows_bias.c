@@ -85,15 +85,6 @@ static double gain_of(const float *rgb, const uint8_t *mask, uint32_t width, uin
     return KEY / exp2(log2_mean);
 }
 
-static struct lab lab_of(const float *rgb, double gain)
-{
-    double c[3];
-
-    for (int k = 0; k < 3; k++)
-        c[k] = tone_value(TONE_FILMIC, gain * (double)rgb[k]);
-    return lab_from(c);
-}
-
 /* The sum of delta E^2 over a tile's pixels, as a scalar product of the differences from both halves, in which their
  * noise cancels; *count: pixels. */
 static double crosswise_square(const struct cached *c, const struct cached_truth *t, double gain, const struct tile *at,
@@ -107,8 +98,8 @@ static double crosswise_square(const struct cached *c, const struct cached_truth
             const size_t i = (size_t)y * at->width + x;
             if (!c->mask[i])
                 continue;
-            const struct lab ours = lab_of(c->rgb + 3 * i, gain), p = lab_of(t->half[0] + 3 * i, gain);
-            const struct lab q = lab_of(t->half[1] + 3 * i, gain);
+            const struct lab ours = lab_of_pixel(c->rgb + 3 * i, gain), p = lab_of_pixel(t->half[0] + 3 * i, gain);
+            const struct lab q = lab_of_pixel(t->half[1] + 3 * i, gain);
             sum += (ours.l - p.l) * (ours.l - q.l) + (ours.a - p.a) * (ours.a - q.a) + (ours.b - p.b) * (ours.b - q.b);
             ++*count;
         }

@@ -1,11 +1,12 @@
 /* relight-bench --speed: every scene by both CPU levels at two sizes. */
 #include "base/clock.h"
 #include "base/mem.h"
+#include "base/setting.h"
 #include "image/codec/encode.h"
 #include "measure/bench/bench.h"
 #include "measure/chart/chart.h"
+#include "measure/chart/judge.h"
 #include "measure/chart/script.h"
-#include "measure/chart/truth.h"
 
 #include <string.h>
 
@@ -271,7 +272,7 @@ static enum err measure_case(const struct bench_desc *desc, bool judged, json_t 
     s->b.desc = desc;
     enum err e = bench_begin(&s->b, why);
     while (!e && chart_next_item(&list, title, spec)) {
-        json_t *sky = json_pack("{s:o}", "title", script_text(title));
+        json_t *sky = json_pack("{s:o}", "title", words_to_json(title));
         json_array_append_new(skies, sky);
         if (!s->c && !(e = bench_take_skies(&s->b, spec, why)))
             e = precompute(s, out, why);
@@ -305,7 +306,7 @@ static enum err run_scene(const struct bench_desc *desc, const char *title, cons
         if (run >= 2 && one_level)
             break;
         own.cpu = run >= 2 ? "v3" : desc->cpu;
-        json_t *out = json_pack("{s:o}", "scene", script_text(title));
+        json_t *out = json_pack("{s:o}", "scene", words_to_json(title));
         e = measure_case(&own, run == 0, out, why);
         const char *level = json_string_value(json_object_get(json_object_get(out, "machine"), "level"));
         one_level = desc->cpu || !level || strcmp(level, "v3") == 0;

@@ -3,7 +3,7 @@
 #include "base/clock.h"
 #include "base/file_store.h"
 #include "base/progress.h"
-#include "measure/chart/panel.h"
+#include "base/setting.h"
 #include "measure/chart/script.h"
 #include "measure/compare/error_map.h"
 #include "sky/source/source.h"
@@ -120,7 +120,7 @@ static enum err begin_page(struct chart *c, struct reason *why)
     json_t *first = json_pack("{s:[], s:[], s:o}", "command", "ramp", "machine",
                               script_machine(c->desc->threads, c->desc->kernels->level));
     for (char *const *a = c->desc->arguments; *a; a++)
-        json_array_append_new(json_object_get(first, "command"), script_text(*a));
+        json_array_append_new(json_object_get(first, "command"), words_to_json(*a));
     for (int k = 0; k < RAMP; k++) {
         ramp_colour(k / (RAMP - 1.0), rgb);
         json_array_append_new(json_object_get(first, "ramp"), json_sprintf("#%02x%02x%02x", rgb[0], rgb[1], rgb[2]));

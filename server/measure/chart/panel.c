@@ -1,8 +1,9 @@
-#include "measure/chart/panel.h"
+#include "measure/chart/chart.h"
 
 #include "base/clock.h"
 #include "base/mem.h"
 #include "base/progress.h"
+#include "base/setting.h"
 #include "base/sort.h"
 #include "image/codec/encode.h"
 #include "image/film/film.h"
@@ -106,7 +107,7 @@ static void begin(struct runs *r)
 
     r->out =
         json_pack("{s:o, s:o, s:s, s:s, s:i, s:i, s:i, s:I, s:I, s:f, s:f, s:f, s:f, s:{s:[], s:[], s:[], s:[]}, s:[]}",
-                  "scene", script_text(d->scene), "source", script_text(d->source), "light",
+                  "scene", words_to_json(d->scene), "source", words_to_json(d->source), "light",
                   d->light_class == LIGHT_DIRECT ? "direct" : "all", "pace", technique_pace(d->light_class)->name,
                   "width", (int)r->width, "height", (int)r->height, "seeds", (int)r->seeds, "points",
                   (json_int_t)set->gbuffer->point_count, "gbuffer_bytes", (json_int_t)set->gbuffer->bytes, "load_ms",
@@ -196,7 +197,7 @@ static enum err find_truth(struct runs *r, struct reason *why)
 static void leave_out(struct curve *c, const char *reason)
 {
     c->left_out = true;
-    json_object_set_new(c->out, "left_out", script_text(reason));
+    json_object_set_new(c->out, "left_out", words_to_json(reason));
 }
 
 /* Sets the times of auto. */

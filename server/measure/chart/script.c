@@ -78,12 +78,6 @@ json_t *script_number(double v)
     return isfinite(v) ? json_real(v) : json_null();
 }
 
-json_t *script_text(const char *text)
-{
-    json_t *s = json_string(text);
-    return s ? s : json_string("(not UTF-8)");
-}
-
 json_t *script_machine(int threads, const char *level)
 {
     return json_pack("{s:i, s:i, s:s, s:s, s:s}", "threads", threads, "processors", omp_get_num_procs(), "level", level,

@@ -22,9 +22,8 @@ MUST_CHECK enum err script_tell(struct script *s, json_t *what, struct reason *w
 
 void script_end(struct script *s); /* waits for its end; zeroed memory is allowed */
 
-/* null for NaN and infinities; a string says so where `text` is not UTF-8. Owned by the caller. */
+/* null for NaN and infinities. Owned by the caller. */
 json_t *script_number(double v);
-json_t *script_text(const char *text);
 
 /* Threads, build and kernels of a measurement, without which times mean nothing. level: of the kernels. Owned by the
  * caller. */

@@ -1,4 +1,4 @@
-#include "measure/chart/panel.h"
+#include "measure/chart/chart.h"
 
 #include "base/clock.h"
 #include "base/rng.h"

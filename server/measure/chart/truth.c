@@ -1,4 +1,4 @@
-#include "measure/chart/truth.h"
+#include "measure/chart/judge.h"
 
 #include "base/clock.h"
 #include "base/log.h"

@@ -20,7 +20,7 @@ struct sums {
     uint64_t pixels;
 };
 
-static struct lab lab_of_pixel(const float *rgb, double gain)
+struct lab lab_of_pixel(const float *rgb, double gain)
 {
     double c[3];
     for (int k = 0; k < 3; k++)

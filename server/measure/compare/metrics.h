@@ -128,3 +128,6 @@ static inline struct lab lab_from(const double c[3])
     const double fx = lab_root(xyz[0]), fy = lab_root(xyz[1]), fz = lab_root(xyz[2]);
     return (struct lab){ 116.0 * fy - 16.0, 500.0 * (fx - fy), 200.0 * (fy - fz) };
 }
+
+/* Of a pixel, linear Rec.709, as shown under the exposure `gain` and the filmic curve. */
+struct lab lab_of_pixel(const float *rgb, double gain);

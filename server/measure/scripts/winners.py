@@ -114,7 +114,7 @@ def envelope(others, tested, limit, rounds=ROUNDS, seed=1):
 # ---- Panels ----
 
 def prepare(panel):
-    """Adds to a panel as it was measured (server/measure/chart/panel.h) the time of what is common to all, in its runs too, and the
+    """Adds to a panel as it was measured (server/measure/chart/chart.h) the time of what is common to all, in its runs too, and the
     bands of its points: frame_ms and one for each error."""
     panel["common_ms"] = {part: median(values) for part, values in panel["common_ms"].items()}
     common = 1e-3 * sum(panel["common_ms"].values())

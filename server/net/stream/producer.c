@@ -1,7 +1,7 @@
 #include "net/stream/internal.h"
 
 #include "base/log.h"
-#include "image/codec/exr_policy.h"
+#include "image/codec/decode.h"
 
 #include <stdio.h>
 #include <string.h>

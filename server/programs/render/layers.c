@@ -1,6 +1,5 @@
 /* --layers: the channels of a multi-layer EXR. What does not change from frame to frame is made once. */
 #include "base/mem.h"
-#include "image/codec/cryptomatte.h"
 #include "image/codec/encode.h"
 #include "light/frame/layers.h"
 #include "programs/render/render.h"

@@ -1,6 +1,6 @@
 #include "relightd/daemon/config.h"
 
-#include "base/config.h"
+#include "base/command.h"
 #include "base/mem.h"
 #include "base/process.h"
 #include "net/access/tls.h"

@@ -1,4 +1,4 @@
-#include "sky/source/daylight.h"
+#include "sky/source/sky.h"
 
 #include "base/log.h"
 #include "base/luminance.h"
@@ -6,7 +6,6 @@
 #include "base/vec.h"
 #include "sky/daylight/reinhart.h"
 #include "sky/daylight/sun.h"
-#include "sky/source/sky.h"
 
 #include <assert.h>
 #include <ctype.h>

@@ -1,10 +1,9 @@
-#include "sky/source/daylight.h"
+#include "sky/source/sky.h"
 
 #include "base/luminance.h"
 #include "base/vec.h"
 #include "sky/daylight/reinhart.h"
 #include "sky/daylight/sun.h"
-#include "sky/source/sky.h"
 
 #include <assert.h>
 #include <math.h>

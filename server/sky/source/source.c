@@ -5,7 +5,6 @@
 #include "base/mem.h"
 #include "base/vec.h"
 #include "sky/daylight/sun.h"
-#include "sky/source/daylight.h"
 #include "sky/source/files.h"
 #include "sky/source/footage.h"
 #include "sky/source/sky.h"

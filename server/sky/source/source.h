@@ -12,7 +12,7 @@
  *                 they appear, numbered from 0. Hidden names (".x.exr") are ignored, so writers can rename when done.
  * `sky:key=...`   Computed frames (sky.h); never ends by itself. From the largest number that a frame can have on
  *                 (FRAME_NUMBER_MAX), it repeats that frame.
- * `epw:FILE,...`  The hours with daylight of a weather file (daylight.h), numbered by their place in the year.
+ * `epw:FILE,...`  The hours with daylight of a weather file (sky.h), numbered by their place in the year.
  * `cie:TYPE,...`  One standard sky, likewise.
  * `mtx:FILE,...`  The time steps with light of a matrix of Radiance's gendaymtx, numbered from 0.
  * `clip.mp4`      A video (.mp4, .mkv, .mov, .webm and others), or http(s):// of one: its frames, numbered from 0.

@@ -1,7 +1,6 @@
 #include "sky/tables/resample.h"
 
 #include "base/mem.h"
-#include "sky/tables/resample_build.h"
 
 #include <assert.h>
 #include <string.h>

@@ -1,5 +1,5 @@
 /* From lists of overlaps to one, sorted. */
-#include "sky/tables/resample_build.h"
+#include "sky/tables/resample.h"
 
 #include "base/mem.h"
 

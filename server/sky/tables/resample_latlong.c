@@ -1,5 +1,5 @@
 #include "base/vec.h"
-#include "sky/tables/resample_build.h"
+#include "sky/tables/resample.h"
 
 #include <math.h>
 #include <stdbool.h>

@@ -1,6 +1,6 @@
 #include "base/mem.h"
 #include "base/vec.h"
-#include "sky/tables/resample_build.h"
+#include "sky/tables/resample.h"
 
 #include <assert.h>
 #include <math.h>

@@ -1,6 +1,6 @@
 /* Divides the source into blocks and reduces a frame to their means. */
 #include "base/mem.h"
-#include "sky/tables/resample_build.h"
+#include "sky/tables/resample.h"
 
 void blocks_init(struct blocks *b, enum layout layout, uint32_t width, uint32_t height, uint32_t factor)
 {

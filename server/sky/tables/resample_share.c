@@ -1,6 +1,6 @@
 /* Sharing of resampling tables between environments. */
 #include "base/mem.h"
-#include "sky/tables/resample_build.h"
+#include "sky/tables/resample.h"
 
 #include <assert.h>
 #include <pthread.h>

@@ -2,7 +2,6 @@
 
 #include "base/mem.h"
 #include "base/vec.h"
-#include "sky/tables/resample_build.h"
 
 #include <assert.h>
 #include <math.h>

@@ -1,6 +1,6 @@
 #include "support/unit.h"
 
-#include "base/config.h"
+#include "base/command.h"
 #include "base/setting_table.h"
 
 static uint64_t samples;

@@ -18,11 +18,6 @@ static double mean_weight(const struct delta_ray *r)
     return (r->weight[0] + r->weight[1] + r->weight[2]) / 3.0;
 }
 
-struct box chains_bounds(const struct scene *scene)
-{
-    return (struct box){ scene->low, scene->high };
-}
-
 void chains_scatter(const struct scatter *at, struct vec3 dir, struct vec3 wi, double out[3])
 {
     const struct lobe l = lobe_of(at);
@@ -89,7 +84,7 @@ static bool scatter_particle(struct particle *p, struct rng *rng, struct vec3 *o
 static bool begin(const struct path_world *world, const struct box *boxes, uint32_t count, struct rng *rng,
                   struct particle *p, struct vec3 *origin)
 {
-    const struct box bounds = chains_bounds(world->scene);
+    const struct box bounds = { world->scene->low, world->scene->high };
     const double x[4] = { rng_next(rng), rng_next(rng), rng_next(rng), rng_next(rng) };
     float w[3], radiance[3], pdf;
     struct start start;

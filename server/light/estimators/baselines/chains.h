@@ -34,6 +34,3 @@ void chains_from_eye(const struct path_world *world, const double xy[2], struct 
 
 /* Radiance towards -dir per irradiance from wi: BRDF times |n_s.wi| / |n_g.wi|. */
 void chains_scatter(const struct scatter *at, struct vec3 dir, struct vec3 wi, double out[3]);
-
-/* The scene's bounding box. */
-struct box chains_bounds(const struct scene *scene);

@@ -280,7 +280,7 @@ static void read_maps(const struct session *s, float *rgb, struct path_stats *st
 static enum err make_maps(struct session *s, struct path_stats *stats)
 {
     const size_t casters = scene_casters(s->world->scene, NULL, 0);
-    const struct box bounds = chains_bounds(s->world->scene);
+    const struct box bounds = { s->world->scene->low, s->world->scene->high };
     enum err e = ERR_OK;
 
     if ((s->desc->classes & PATH_CAUSTICS) && casters > 0) {

@@ -96,7 +96,7 @@ static void run(const struct session *s, float *rgb, struct path_stats *stats)
 {
     const struct path_desc *desc = s->desc;
     const struct view *view = s->world->view;
-    const struct box bounds = chains_bounds(s->world->scene);
+    const struct box bounds = { s->world->scene->low, s->world->scene->high };
     uint64_t rays = 0, pixels = 0;
 
 #pragma omp parallel for schedule(dynamic, 16) reduction(+ : rays)

@@ -1,5 +1,5 @@
 /* Ids by published values of MurmurHash3_x86_32, and manifests that JSON readers take. */
-#include "image/codec/cryptomatte.h"
+#include "image/codec/encode.h"
 
 #include "support/unit.h"
 

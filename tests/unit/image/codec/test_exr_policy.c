@@ -1,7 +1,7 @@
 /* Which EXR files are taken from a network: headers made here byte by byte, and cut at every one of them. */
 #include "support/unit.h"
 
-#include "image/codec/exr_policy.h"
+#include "image/codec/decode.h"
 
 #include <stdbool.h>
 

@@ -1,8 +1,6 @@
 /* relight-decoder as a file of a stranger might make it: what the file says is done instead of decoding. A file that
  * says nothing of the kind is decoded. */
 #define _GNU_SOURCE
-#include "import/decoder/serve.h"
-
 #include "import/decoder/internal.h"
 
 #include <errno.h>

@@ -2,7 +2,7 @@
  * among the luma samples, and what is assumed of a stream that does not say its colours. */
 #include "support/unit.h"
 
-#include "import/decoder/serve.h"
+#include "import/decoder/internal.h"
 
 #include <libavutil/frame.h>
 #include <libavutil/pixfmt.h>

@@ -1,7 +1,7 @@
-/* What images pass on to the next ones before a cache makes them (light/denoise/accumulation.h). */
+/* What images pass on to the next ones before a cache makes them (light/denoise/denoise.h). */
 
 #include "base/rng.h"
-#include "light/denoise/accumulation.h"
+#include "light/denoise/denoise.h"
 #include "light/frame/relight_cache.h"
 #include "light/frame/stage.h"
 #include "measure/compare/metrics.h"

@@ -1,5 +1,5 @@
 /* auto and the cache of light transport: what the relighter is told to do, and what becomes of the frames. */
-#include "light/denoise/accumulation.h"
+#include "light/denoise/denoise.h"
 #include "light/estimators/points.h"
 #include "light/frame/decide.h"
 #include "support/kept.h"

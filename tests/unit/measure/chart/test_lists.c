@@ -1,6 +1,5 @@
 /* The lists of relight-chart's flags. */
 #include "measure/chart/chart.h"
-#include "measure/chart/panel.h"
 #include "support/unit.h"
 
 /* A name stands for one technique in each class of light, and fits into lists and files. */

@@ -1,7 +1,7 @@
 /* The order of methods that [LPG13, section 4] claims, on the built-in scene under a clear noon: balancing by faces
  * needs fewer samples than as many from each, and with the material's lobes fewer still. A statement about errors at
  * equal samples, not about time. */
-#include "measure/chart/panel.h"
+#include "measure/chart/chart.h"
 
 #include "light/estimators/kernels.h"
 #include "sky/source/source.h"

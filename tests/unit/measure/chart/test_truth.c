@@ -1,5 +1,5 @@
 /* References and their cache, on the built-in scene at 16 x 9 pixels. */
-#include "measure/chart/truth.h"
+#include "measure/chart/judge.h"
 
 #include "base/rng.h"
 #include "sky/source/source.h"

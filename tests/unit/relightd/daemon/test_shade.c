@@ -2,7 +2,7 @@
 #include "relightd/daemon/fake_server.h"
 
 #include "base/clock.h"
-#include "light/denoise/accumulation.h"
+#include "light/denoise/denoise.h"
 #include "relightd/daemon/shade.h"
 
 #include <jansson.h>

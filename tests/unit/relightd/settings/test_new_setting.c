@@ -1,6 +1,6 @@
 /* A setting and a tone curve that are added to a copy of the table are known everywhere: as flag, in the configuration
  * file, in control messages and what is sent about them, in the state file and in --help. */
-#include "base/config.h"
+#include "base/command.h"
 #include "base/setting_table.h"
 #include "net/message/message.h"
 #include "relightd/settings/settings.h"
