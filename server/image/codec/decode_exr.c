@@ -236,13 +236,6 @@ static void name_layer(const char *part, const char *channel, size_t prefix, cha
     decode_printable(text, sizeof(text), out, FULL_NAME);
 }
 
-static const char *last_component(const char *name)
-{
-    const char *dot = strrchr(name, '.');
-
-    return dot && dot[1] ? dot + 1 : name;
-}
-
 /* words: separated by commas, also at both ends. */
 static bool is_one_of(const char *name, const char *words)
 {
@@ -263,7 +256,7 @@ static int rank_of(const char *name)
         ",ao,ambient occlusion,ambientocclusion,occlusion,albedo,basecolor,diffcol,glosscol,transcol,normal,normals,n,"
         "position,p,pref,uv,depth,z,zdepth,mist,shadow,shadows,matte,mask,alpha,id,indexob,indexma,vector,velocity,"
         "motion,motionvector,variance,";
-    const char *last = last_component(name);
+    const char *dot = strrchr(name, '.'), *last = dot && dot[1] ? dot + 1 : name;
 
     if (!name[0] || is_one_of(last, images))
         return name[0] != 0;

@@ -32,15 +32,6 @@ enum err gltf_add_light(struct scene *s, const struct gltf_light *l, const doubl
     return e ? e : scene_add_light(s, &out);
 }
 
-static enum err read_cone(const struct gltf *g, const struct gltf_at *at, struct gltf_light *l)
-{
-    const struct gltf_at spot = gltf_key(at, "spot");
-
-    l->outer = OUTER_DEFAULT;
-    const enum err e = gltf_number(g, &spot, "innerConeAngle", &l->inner);
-    return e ? e : gltf_number(g, &spot, "outerConeAngle", &l->outer);
-}
-
 static enum err read_light(const struct gltf *g, const struct gltf_at *at, struct gltf_light *l)
 {
     const char *type = gltf_string(at, "type");
@@ -54,8 +45,12 @@ static enum err read_light(const struct gltf *g, const struct gltf_at *at, struc
     if (e)
         return e;
     if (type && strcmp(type, "spot") == 0) {
+        const struct gltf_at spot = gltf_key(at, "spot");
+
         l->kind = LIGHT_SPOT;
-        return read_cone(g, at, l);
+        l->outer = OUTER_DEFAULT;
+        e = gltf_number(g, &spot, "innerConeAngle", &l->inner);
+        return e ? e : gltf_number(g, &spot, "outerConeAngle", &l->outer);
     }
     if (type && strcmp(type, "directional") == 0)
         l->kind = LIGHT_DIRECTIONAL;

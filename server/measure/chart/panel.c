@@ -65,17 +65,12 @@ static uint64_t work_of(const struct technique *t, uint32_t budget)
     return 8 + (t->kind == TECHNIQUE_BASELINE ? 2 : t->light_class == LIGHT_DIRECT ? 1 : 3) * (uint64_t)budget;
 }
 
-static uint64_t truth_work(const struct panel_desc *d)
-{
-    const uint64_t parts = (d->truth_samples + TRUTH_PART - 1) / TRUTH_PART;
-    return 2 * parts * TRUTH_PART;
-}
-
 uint64_t panel_work(const struct panel_desc *desc)
 {
     size_t count;
     const struct technique *all = technique_all(&count);
-    uint64_t work = truth_work(desc);
+    const uint64_t truth_parts = (desc->truth_samples + TRUTH_PART - 1) / TRUTH_PART; /* of each reference */
+    uint64_t work = 2 * truth_parts * TRUTH_PART;
 
     for (size_t t = 0; t < count; t++)
         for (uint32_t k = 0; k < desc->budget_count; k++)

@@ -62,14 +62,9 @@ bool address_read(const char *text, uint8_t out[16])
     return inet_pton(AF_INET, text, out + 12) == 1 || inet_pton(AF_INET6, text, out) == 1;
 }
 
-static bool is_ipv4(const uint8_t address[16])
-{
-    return memcmp(address, mapped, sizeof(mapped)) == 0;
-}
-
 struct client *client_find(struct limits *l, const uint8_t address[16], int64_t now_us)
 {
-    const bool four = is_ipv4(address);
+    const bool four = memcmp(address, mapped, sizeof(mapped)) == 0;
     struct client *take = NULL;
     uint8_t wanted[16] = { 0 };
 
@@ -111,7 +106,7 @@ struct client *client_forwarded(struct limits *l, const char *header, int64_t no
 
 char *client_name(const struct client *c, char out[CLIENT_NAME])
 {
-    const bool four = is_ipv4(c->address);
+    const bool four = memcmp(c->address, mapped, sizeof(mapped)) == 0;
 
     if (!inet_ntop(four ? AF_INET : AF_INET6, four ? c->address + 12 : c->address, out, CLIENT_NAME))
         out[0] = 0;

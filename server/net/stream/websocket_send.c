@@ -200,15 +200,6 @@ static int send_made(struct websocket *ws, char *text)
     return result;
 }
 
-static int send_outbox(struct websocket *ws)
-{
-    char *text = ws->outbox[0];
-
-    drop_first(ws->outbox, &ws->outbox_count, sizeof(ws->outbox[0]));
-    ws->outbox_bytes -= strlen(text);
-    return send_made(ws, text);
-}
-
 static int send_status(struct websocket *ws)
 {
     struct server *s = ws->server;
@@ -223,13 +214,6 @@ static int send_status(struct websocket *ws)
     return send_made(ws, text);
 }
 
-static int send_close(struct websocket *ws)
-{
-    lws_close_reason(ws->wsi, (enum lws_close_status)ws->close_code, (unsigned char *)ws->close_text,
-                     strlen(ws->close_text));
-    return -1;
-}
-
 /* The text message that is due first, if any; messages to this viewer alone come before the status. */
 static bool text_is_due(const struct websocket *ws)
 {
@@ -238,8 +222,12 @@ static bool text_is_due(const struct websocket *ws)
 
 static int send_due_text(struct websocket *ws)
 {
-    if (ws->outbox_count > 0)
-        return send_outbox(ws);
+    if (ws->outbox_count > 0) {
+        char *text = ws->outbox[0];
+        drop_first(ws->outbox, &ws->outbox_count, sizeof(ws->outbox[0]));
+        ws->outbox_bytes -= strlen(text);
+        return send_made(ws, text);
+    }
     if (ws->status_due)
         return send_status(ws);
     return send_made(ws, control_due(ws) ? control_text(ws) : inspect_text(ws));
@@ -256,8 +244,11 @@ static int send_image(struct websocket *ws)
 int websocket_write(struct websocket *ws)
 {
     ws->waiting = false;
-    if (ws->close_code && (ws->current || ws->outbox_count == 0))
-        return send_close(ws);
+    if (ws->close_code && (ws->current || ws->outbox_count == 0)) {
+        lws_close_reason(ws->wsi, (enum lws_close_status)ws->close_code, (unsigned char *)ws->close_text,
+                         strlen(ws->close_text));
+        return -1;
+    }
     const int result = !ws->current && text_is_due(ws) ? send_due_text(ws) : send_image(ws);
     if (result == 0 && (ws->current || text_is_due(ws) || ws->close_code || websocket_may_begin(ws)))
         websocket_request_write(ws);

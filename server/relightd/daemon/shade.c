@@ -254,14 +254,6 @@ static enum err shade_next(struct shade_thread *t, double due_s, double now_s, s
     return shade_frame(t, &frames->slot[t->held], t->cut_new_view, false, why);
 }
 
-/* Lights the frame of a cancelled image again, unless ingest has published it again or a newer one meanwhile. */
-static enum err shade_again(struct shade_thread *t, double now_s, struct reason *why)
-{
-    if (!(t->cut_s > 0.0) || now_s - t->cut_s < AGAIN_S)
-        return ERR_OK;
-    return shade_frame(t, &t->shared->frames.slot[t->held], t->cut_new_view, false, why);
-}
-
 /* The frame stands still. While auto's cache is being computed, lighting it again gives the images that a moving sky
  * would have, which improve faster than by passes. */
 static enum err improve(struct shade_thread *t, double now_s, struct reason *why)
@@ -294,8 +286,9 @@ enum err shade_thread_turn(struct shade_thread *t, struct reason *why)
     const bool refine = refine_is_due(t);
     if (t->early != HANDOFF_NONE || handoff_wait_newer(&shared->frames.handoff, refine ? 0 : POLL_MS))
         return shade_next(t, due_s, now_s, why);
-    if (t->cut_s > 0.0)
-        return shade_again(t, now_s, why);
+    if (t->cut_s > 0.0) /* a cancelled image, whose frame ingest has neither published again nor replaced meanwhile */
+        return now_s - t->cut_s < AGAIN_S ? ERR_OK
+                                          : shade_frame(t, &shared->frames.slot[t->held], t->cut_new_view, false, why);
     return refine && !is_stopping(t) ? improve(t, now_s, why) : ERR_OK;
 }
 

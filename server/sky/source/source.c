@@ -273,15 +273,6 @@ static enum err next_daylight(struct source *s, struct frame *f, struct reason *
     return ERR_OK;
 }
 
-static enum err begin_video_again(struct source *s, struct reason *why)
-{
-    const enum err e = footage_restart(s->footage, why);
-
-    s->picture = 0;
-    s->video_ended = e != ERR_OK;
-    return e;
-}
-
 /* The next image within the range, from wherever in the video it stands. */
 static enum err next_picture(struct source *s, struct frame *f, struct reason *why)
 {
@@ -314,7 +305,9 @@ static enum err next_video(struct source *s, struct frame *f, struct reason *why
     if (!s->video_ended)
         e = next_picture(s, f, why);
     if (e == ERR_END && s->loop) {
-        e = begin_video_again(s, why);
+        e = footage_restart(s->footage, why);
+        s->picture = 0;
+        s->video_ended = e != ERR_OK;
         if (!e)
             e = next_picture(s, f, why);
     }
