@@ -6,6 +6,7 @@
 #include "base/log.h"
 #include "base/progress.h"
 #include "base/setting_table.h"
+#include "base/text.h"
 #include "clients/common/client.h"
 #include "clients/common/message.h"
 #include "clients/record/journal.h"
@@ -319,16 +320,10 @@ static const struct setting rows[] = {
     { .name = NULL },
 };
 
-static bool ends_with(const char *text, const char *end)
-{
-    const size_t a = strlen(text), b = strlen(end);
-    return a >= b && strcmp(text + a - b, end) == 0;
-}
-
 static enum err choose_format(struct record *r, struct reason *why)
 {
-    const bool jpg = ends_with(r->out.text, ".jpg") || ends_with(r->out.text, ".jpeg"),
-               exr = ends_with(r->out.text, ".exr");
+    const bool jpg = text_ends_with(r->out.text, ".jpg") || text_ends_with(r->out.text, ".jpeg"),
+               exr = text_ends_with(r->out.text, ".exr");
 
     if (!r->format && !jpg && !exr)
         return err_say(why, ERR_USAGE, "--out '%s' ends in neither .jpg nor .exr: add --format", r->out.text);

@@ -1,7 +1,15 @@
 /* Numbers in ascending order. Any thread. */
 #pragma once
 
+#include <stdint.h>
 #include <stdlib.h>
+
+/* For qsort and bsearch of uint64_t. */
+static inline int sort_compares_whole(const void *a, const void *b)
+{
+    const uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+    return (x > y) - (x < y);
+}
 
 static inline int sort_compares(const void *a, const void *b)
 {

@@ -9,6 +9,12 @@
 
 #define FIRST_CAPACITY 4096 /* it doubles from there */
 
+bool text_ends_with(const char *text, const char *end)
+{
+    const size_t n = strlen(text), m = strlen(end);
+    return n >= m && strcmp(text + n - m, end) == 0;
+}
+
 void text_finish(struct text *t)
 {
     mem_free(t->bytes);

@@ -15,6 +15,9 @@ struct text {
     bool failed;
 };
 
+/* Whether any text ends with `end`. */
+bool text_ends_with(const char *text, const char *end);
+
 void text_finish(struct text *t); /* zeroed memory is allowed */
 
 /* Adds formatted text; adds bytes as they are. */

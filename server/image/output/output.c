@@ -3,6 +3,7 @@
 #include "base/file_store.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/sort.h"
 #include "image/codec/encode.h"
 #include "image/video/movie.h"
 
@@ -311,13 +312,6 @@ bool output_exists(const struct output *o, uint64_t frame)
     return file_pattern_name(&o->pattern, frame, name, sizeof(name), NULL) == ERR_OK && access(name, F_OK) == 0;
 }
 
-static int by_number(const void *a, const void *b)
-{
-    const uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
-
-    return (x > y) - (x < y);
-}
-
 enum err output_numbers(const struct output *o, uint64_t **out, size_t *count)
 {
     const char *slash = strrchr(o->pattern.text, '/');
@@ -352,7 +346,7 @@ enum err output_numbers(const struct output *o, uint64_t **out, size_t *count)
     if (dir)
         closedir(dir);
     if (*count > 1)
-        qsort(*out, *count, sizeof(**out), by_number);
+        qsort(*out, *count, sizeof(**out), sort_compares_whole);
     return ERR_OK;
 }
 

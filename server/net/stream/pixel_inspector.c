@@ -14,11 +14,6 @@ void inspections_finish(struct inspections *p)
     p->sky = NULL;
 }
 
-static struct client *client_of(const struct websocket *ws)
-{
-    return ws->connection->client;
-}
-
 /* {lock} Index of the pixel that a connection follows; followed_count: none. */
 static unsigned find_followed(const struct inspections *p, uint64_t by)
 {
@@ -51,9 +46,9 @@ static void unfollow(struct server *s, uint64_t by)
 static bool make_room_to_follow(struct server *s, const struct websocket *ws, uint64_t *out)
 {
     struct inspections *p = &s->inspections;
-    const int i = client_crowds((const struct client *const *)p->followers, p->followed_count, client_of(ws));
+    const int i = client_crowds((const struct client *const *)p->followers, p->followed_count, ws->connection->client);
 
-    limit_reached(&s->limits, LIMIT_PIXELS, i < 0 ? client_of(ws) : p->followers[i]);
+    limit_reached(&s->limits, LIMIT_PIXELS, i < 0 ? ws->connection->client : p->followers[i]);
     if (i < 0)
         return false;
     *out = p->followed[i].pixel.by;
@@ -87,7 +82,7 @@ static bool follow(struct websocket *ws, const struct server_inspection *asked)
     if (room) {
         i = i < SERVER_FOLLOWED_MAX ? i : p->followed_count;
         p->followed[i] = (struct inspect_followed){ .pixel = { asked->by, asked->x, asked->y } };
-        p->followers[i] = client_of(ws);
+        p->followers[i] = ws->connection->client;
         p->followed_count += i == p->followed_count;
     }
     pthread_mutex_unlock(&s->lock);
@@ -142,8 +137,8 @@ static void ask_pixel(struct websocket *ws, const struct server_inspection *q, s
 
     pthread_mutex_lock(&s->lock);
     if (p->waiting_count == INSPECTIONS_WAITING) {
-        const int i = client_crowds((const struct client *const *)p->askers, p->waiting_count, client_of(ws));
-        limit_reached(&s->limits, LIMIT_PIXELS, i < 0 ? client_of(ws) : p->askers[i]);
+        const int i = client_crowds((const struct client *const *)p->askers, p->waiting_count, ws->connection->client);
+        limit_reached(&s->limits, LIMIT_PIXELS, i < 0 ? ws->connection->client : p->askers[i]);
         if (i >= 0) {
             displaced = p->waiting[i];
             drop_waiting(p, (unsigned)i);
@@ -151,7 +146,7 @@ static void ask_pixel(struct websocket *ws, const struct server_inspection *q, s
     }
     const bool may = p->waiting_count < INSPECTIONS_WAITING;
     if (may) {
-        p->askers[p->waiting_count] = client_of(ws);
+        p->askers[p->waiting_count] = ws->connection->client;
         p->waiting[p->waiting_count++] = *q;
     }
     pthread_mutex_unlock(&s->lock);

@@ -2,6 +2,7 @@
 #include "programs/render/render.h"
 
 #include "base/mem.h"
+#include "base/sort.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -42,16 +43,10 @@ enum err render_collect_begin(struct render *r, struct reason *why)
     return e ? err_say(why, e, "rank 0 no longer answers") : ERR_OK;
 }
 
-static int by_number(const void *a, const void *b)
-{
-    const uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
-
-    return (x > y) - (x < y);
-}
-
 bool render_collect_has(const struct render *r, uint64_t number)
 {
-    return r->existing_count > 0 && bsearch(&number, r->existing, r->existing_count, sizeof(number), by_number);
+    return r->existing_count > 0 &&
+           bsearch(&number, r->existing, r->existing_count, sizeof(number), sort_compares_whole);
 }
 
 /* The image's number, its radiance and, if requested, its foreground. */

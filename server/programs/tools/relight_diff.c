@@ -4,6 +4,7 @@
 #include "base/luminance.h"
 #include "base/mem.h"
 #include "base/setting_table.h"
+#include "base/text.h"
 #include "base/vec.h"
 #include "image/codec/decode.h"
 #include "image/codec/encode.h"
@@ -187,17 +188,11 @@ static enum err write_exr_map(const struct diff *d, const char *path, struct rea
     return e;
 }
 
-static bool ends_with(const char *text, const char *end)
-{
-    const size_t n = strlen(text), m = strlen(end);
-    return n >= m && strcmp(text + n - m, end) == 0;
-}
-
 static enum err write_map(const struct diff *d, const char *path, struct reason *why)
 {
     if (!path)
         return ERR_OK;
-    if (ends_with(path, ".exr"))
+    if (text_ends_with(path, ".exr"))
         return write_exr_map(d, path, why);
     return error_map_write(d->map, d->mask, d->images[1].width, d->images[1].height, path, why);
 }
@@ -356,7 +351,7 @@ static enum err read_options(const struct command *c, struct diff *d, struct rea
                        c->name);
     d->names[0] = c->operands[0];
     d->names[1] = c->operands[1];
-    if (!e && d->map_path && !ends_with(d->map_path, ".png") && !ends_with(d->map_path, ".exr"))
+    if (!e && d->map_path && !text_ends_with(d->map_path, ".png") && !text_ends_with(d->map_path, ".exr"))
         return err_say(why, ERR_USAGE, "--map '%s' ends neither in .png nor in .exr", d->map_path);
     return e;
 }

@@ -4,16 +4,10 @@
 
 #include <math.h>
 
-#define SMOOTH 0.2        /* share of a new reading */
 #define LOBE 3.5          /* a BRDF sample costs as much as so many light samples, which neighbours trace together */
 #define EACH 8.0          /* an eye path or a particle as much as so many samples (plan_make) */
 #define SAMPLES_LEAST 4   /* below, what is done once per point outweighs the samples */
 #define STORED_A_PIXEL 64 /* as relight_desc.stored_paths 0 */
-
-static double smooth(double old, double reading)
-{
-    return old > 0.0 ? old + SMOOTH * (reading - old) : reading;
-}
 
 /* What a sample of the method costs, in light samples. */
 static double weight(enum method method)

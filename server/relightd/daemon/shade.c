@@ -13,11 +13,6 @@
 #define AUDIT_MOST 0.01  /* and of the processor time: 2 % are promised, and the process's clock counts all threads */
 #define AGAIN_S 0.1      /* after a cancelled image: how long to wait for its frame with the new settings */
 
-static bool is_stopping(const struct shade_thread *t)
-{
-    return atomic_load(t->shared->stop);
-}
-
 /* ---- One image ---- */
 
 /* Combines the configuration with the settings. */
@@ -164,7 +159,7 @@ static enum err shade_frame(struct shade_thread *t, const struct ingested *in, b
     if (e)
         return err_say(why, e, "%s: no memory for the light samples", in->environment->name);
     t->cut_new_view = cut && new_view;
-    if (!is_stopping(t) && !cut) { /* else the image is incomplete */
+    if (!atomic_load(t->shared->stop) && !cut) { /* else the image is incomplete */
         lamps_take_sky(t, shared->images.slot[slot].rgb);
         lamps_add(t, in->ticket.lockstep, l.settings.lamps, shared->images.slot[slot].rgb);
         find_changes(t, &shared->images.slot[slot], &l, in->ticket.lockstep, new_view);
@@ -289,14 +284,14 @@ enum err shade_thread_turn(struct shade_thread *t, struct reason *why)
     if (t->cut_s > 0.0) /* a cancelled image, whose frame ingest has neither published again nor replaced meanwhile */
         return now_s - t->cut_s < AGAIN_S ? ERR_OK
                                           : shade_frame(t, &shared->frames.slot[t->held], t->cut_new_view, false, why);
-    return refine && !is_stopping(t) ? improve(t, now_s, why) : ERR_OK;
+    return refine && !atomic_load(t->shared->stop) ? improve(t, now_s, why) : ERR_OK;
 }
 
 enum err shade_thread_run(struct shade_thread *t, struct reason *why)
 {
     enum err e = ERR_OK;
 
-    while (!e && !is_stopping(t))
+    while (!e && !atomic_load(t->shared->stop))
         e = shade_thread_turn(t, why);
     return e;
 }

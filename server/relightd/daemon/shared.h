@@ -17,6 +17,12 @@
 #include <stdatomic.h>
 #include <stdbool.h>
 
+/* The running mean of readings: a new one has a fifth of the weight; `old` 0: there is none yet. */
+static inline double smooth(double old, double reading)
+{
+    return old > 0.0 ? old + 0.2 * (reading - old) : reading;
+}
+
 /* ---- Status ---- */
 
 /* What relightd reports about itself: status for viewers, figures for /metrics, lines for the terminal and the service

@@ -11,7 +11,6 @@
 #include <string.h>
 #include <time.h>
 
-#define SMOOTH 0.2 /* share of a new reading in the figures that viewers are shown */
 
 static const char *const panoramic[] = { "latlong", "latlong-rows", NULL };
 
@@ -27,11 +26,6 @@ void status_finish(struct status_board *b)
 {
     pthread_mutex_destroy(&b->lock);
     mem_free(b->cameras);
-}
-
-static double smooth(double old, double reading)
-{
-    return old > 0.0 ? old + SMOOTH * (reading - old) : reading;
 }
 
 /* {lock} */

@@ -7,26 +7,21 @@
 /* Why a flag has no effect; NULL: it has one. */
 typedef const char *ignored_by(const struct setup *s);
 
-static bool has_class(const struct setup *s, uint32_t classes)
-{
-    return (s->light.classes & classes) != 0;
-}
-
 static const char *without_indirect(const struct setup *s)
 {
-    return has_class(s, PATH_INDIRECT) ? NULL : "there is no indirect light with this --paths";
+    return s->light.classes & PATH_INDIRECT ? NULL : "there is no indirect light with this --paths";
 }
 
 static const char *without_caustics(const struct setup *s)
 {
-    return has_class(s, PATH_CAUSTICS) ? NULL : "there are no caustics with this --paths";
+    return s->light.classes & PATH_CAUSTICS ? NULL : "there are no caustics with this --paths";
 }
 
 static const char *without_paths(const struct setup *s)
 {
     if (method_is_reference(s->light.direct.method))
         return "a reference --method computes the whole image by itself";
-    return has_class(s, PATH_INDIRECT | PATH_CAUSTICS)
+    return s->light.classes & (PATH_INDIRECT | PATH_CAUSTICS)
                ? NULL
                : "there is neither indirect light nor a caustic with this --paths";
 }
@@ -35,7 +30,7 @@ static const char *without_tracer(const struct setup *s)
 {
     const bool caustics = s->light.caustics != PLAN_EYE && s->light.caustics != PLAN_NONE;
 
-    if (without_paths(s) || s->light.indirect == PLAN_LIGHT || (caustics && has_class(s, PATH_CAUSTICS)))
+    if (without_paths(s) || s->light.indirect == PLAN_LIGHT || (caustics && s->light.classes & PATH_CAUSTICS))
         return without_paths(s);
     return "with this --paths, --caustics and --indirect there is no light tracer";
 }
@@ -160,7 +155,7 @@ void setup_report_ignored(struct command *c, const struct setup *s)
         if (why)
             log_warning("%s%s has no effect: %s", setting_prefix(f->row), f->row->name, why);
     }
-    if (!has_class(s, ~(unsigned)PATH_CAUSTICS) && s->light.caustics == PLAN_NONE)
+    if (!(s->light.classes & ~(unsigned)PATH_CAUSTICS) && s->light.caustics == PLAN_NONE)
         log_warning("--paths caustics shows only what --caustics none leaves out: the image is black");
     const long processors = sysconf(_SC_NPROCESSORS_ONLN);
     if (processors > 0 && s->threads > (unsigned long)processors)
