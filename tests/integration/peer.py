@@ -10,6 +10,7 @@ import signal
 import struct
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 try:
@@ -92,10 +93,11 @@ class Link:
         self.socket = socket
         self.server = server
 
-    async def read(self):
+    async def read(self, most_s=WAIT_S):
         """The next message other than pings, which it answers."""
+        end = time.monotonic() + most_s
         while True:
-            message = await asyncio.wait_for(self.socket.recv(), WAIT_S)
+            message = await asyncio.wait_for(self.socket.recv(), end - time.monotonic())
             if isinstance(message, bytes):
                 return message
             message = json.loads(message)
@@ -134,7 +136,7 @@ class Link:
     async def nothing(self, seconds=0.4):
         """Checks that only pings arrive."""
         try:
-            message = await asyncio.wait_for(self.read(), seconds)
+            message = await self.read(seconds)
         except asyncio.TimeoutError:
             return
         raise Failed(f"came unexpectedly: {message[:80]}")
@@ -165,7 +167,6 @@ class Server:
         self.running = set()
 
     def clock_us(self):
-        import time
         return time.time_ns() // 1000 + self.ahead_us
 
     async def __aenter__(self):

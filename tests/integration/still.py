@@ -2,9 +2,11 @@
 """A viewer of a still sky (PROTOCOL.md 4.8.9 and flag 32 of 6), with an independent WebSocket library."""
 
 import asyncio
+import contextlib
 import json
 import os
 import struct
+import time
 
 import websockets
 
@@ -25,29 +27,34 @@ class Watch:
         self.pictures = []
         self.lights = []
 
+    async def take(self, most_s=WAIT_S):
+        """Takes the next message."""
+        message = await asyncio.wait_for(self.link.recv(), most_s)
+        if isinstance(message, bytes):
+            fields = PICTURE.unpack_from(message)
+            await self.link.send(json.dumps({"op": "ack", "sequence": fields[4]}))
+            self.pictures.append((fields[5], fields[3], fields[15]))
+            return
+        said = json.loads(message)
+        check(said["op"] != "error", message)
+        if said["op"] == "status":
+            self.lights.append(said["light"])
+
     async def until(self, what):
         while not what():
-            message = await asyncio.wait_for(self.link.recv(), WAIT_S)
-            if isinstance(message, bytes):
-                fields = PICTURE.unpack_from(message)
-                await self.link.send(json.dumps({"op": "ack", "sequence": fields[4]}))
-                self.pictures.append((fields[5], fields[3], fields[15]))
-                continue
-            said = json.loads(message)
-            check(said["op"] != "error", message)
-            if said["op"] == "status":
-                self.lights.append(said["light"])
+            await self.take()
 
     def light(self):
         return self.lights[-1] if self.lights else {}
 
     async def silence(self, seconds):
-        """The number of pictures within that time."""
+        """The number of pictures within that time. It cancels no until(), which would go on for ever where a message
+        has just come: asyncio.wait_for() then loses that."""
         before = len(self.pictures)
-        try:
-            await asyncio.wait_for(self.until(lambda: False), seconds)
-        except asyncio.TimeoutError:
-            pass
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            with contextlib.suppress(asyncio.TimeoutError):
+                await self.take(left)
         return len(self.pictures) - before
 
 
@@ -106,6 +113,23 @@ async def converges(daemon, error):
         check(await watch.silence(2.0) == 0, "a picture came when nothing was to be made better")
         check(daemon.cpu_s() - before < 1.0, f"{daemon.cpu_s() - before} s of processor for a picture that is there")
         check(watch.light()["converged"], f"it is forgotten: {watch.light()}")
+
+
+class Talking:
+    """A connection whose next message has always just come."""
+
+    messages = 0
+
+    async def recv(self):
+        self.messages += 1
+        check(self.messages < 1000, "the silence does not end")
+        time.sleep(0.001)
+        return json.dumps({"op": "status", "light": {}})
+
+
+async def a_silence_ends_though_messages_come_at_its_end(folder):
+    watch = Watch(Talking())
+    check(await watch.silence(0.1) == 0 and watch.lights, "messages are not taken")
 
 
 async def a_picture_that_stands_still_converges(folder):
