@@ -35,19 +35,22 @@ struct build {
 /* Per thread. */
 struct bench {
     struct transport_matrix *matrices; /* [TRANSPORT_ROWS] */
+    struct transport_neighbours *neighbours;
     struct transport_workspace *workspace;
 };
 
 static enum err bench_init(struct bench *b)
 {
     b->matrices = mem_alloc(TRANSPORT_ROWS, sizeof(*b->matrices));
+    b->neighbours = mem_alloc(1, sizeof(*b->neighbours));
     b->workspace = transport_workspace_create();
-    return b->matrices && b->workspace ? ERR_OK : ERR_NOMEM;
+    return b->matrices && b->neighbours && b->workspace ? ERR_OK : ERR_NOMEM;
 }
 
 static void bench_finish(struct bench *b)
 {
     mem_free(b->matrices);
+    mem_free(b->neighbours);
     transport_workspace_destroy(b->workspace);
 }
 
@@ -99,24 +102,24 @@ static enum err build_block(const struct build *b, struct bench *bench, struct t
     const struct transport *t = b->t;
     float scale[TRANSPORT_ROWS][TRANSPORT_POINTS];
     double allowed[TRANSPORT_ROWS];
-    uint8_t known[SKY_CELLS];
+    const struct shade_packet *packets = &t->gbuffer->packets[block->first];
+    const bool together = block->packets == TRANSPORT_PACKETS && b->directions.units == SKY_CELLS; /* not if coarse */
     enum err e = ERR_OK;
 
     precedence_give_way(b->desc.urgent);
     block->sight = mem_alloc(1, sizeof(*block->sight));
     if (!block->sight)
         return ERR_NOMEM;
-    *rays += t->kernels->look(&b->world, &t->gbuffer->packets[block->first], block->packets, known);
-    for (uint32_t k = 0; k < block->packets; k++)
-        *rays += t->kernels->trace(&b->world, &t->gbuffer->packets[block->first + k], block->rows, known,
-                                   bench->matrices, k * PACKET, block->sight);
+    if (together)
+        transport_find_neighbours(packets, bench->neighbours);
+    *rays += t->kernels->trace(&b->world, packets, block->packets, block->rows, together ? bench->neighbours : NULL,
+                               bench->matrices, block->sight);
     if (block->narrow) {
         block->gazes = mem_alloc_raw((size_t)block->packets * TRANSPORT_GAZES, sizeof(*block->gazes));
         if (!block->gazes)
             return ERR_NOMEM;
         for (uint32_t k = 0; k < block->packets; k++)
-            *rays += t->kernels->aim(&b->world, &t->gbuffer->packets[block->first + k],
-                                     block->gazes + (size_t)k * TRANSPORT_GAZES);
+            *rays += t->kernels->aim(&b->world, &packets[k], block->gazes + (size_t)k * TRANSPORT_GAZES);
     }
     share_tolerance(b, block, bench->matrices, scale, allowed);
     for (uint32_t r = 0; r < block->rows && !e; r++)

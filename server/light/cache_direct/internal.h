@@ -209,22 +209,36 @@ struct transport_indirect {
     void (*rows)(const void *self, uint32_t first, struct transport_rows *out);
 };
 
-/* What a block's points see of each unit of directions (transport_directions). */
-enum transport_outlook {
-    TRANSPORT_UNKNOWN, /* each packet has to trace it */
-    TRANSPORT_LIT,     /* all see it; */
-    TRANSPORT_DARK,    /* none does: assumed of all directions of the unit */
+/* The points of a block of four packets take turns: of four directions each traces one, and what it sees of the others
+ * is what the plane says that is fitted to its neighbours. */
+struct transport_neighbours {
+    uint64_t alone; /* bits of the points that have too few neighbours, and trace all directions */
+    /* [turn][lane][point]: of what the turn's points see, the weights in what a point sees; and of those that are above
+     * their horizons, if some are not. */
+    _Alignas(64) float plane[TRANSPORT_PACKETS][PACKET][TRANSPORT_POINTS];
+    float near[TRANSPORT_PACKETS][PACKET][TRANSPORT_POINTS];
+    float others[TRANSPORT_POINTS][PACKET]; /* the weights of its own turn's points without itself */
 };
 
+/* The point of a block that is lane l of a turn's packet: one of four lanes of each packet, and of four neighbours. */
+static inline uint32_t transport_turn_point(uint32_t turn, uint32_t l)
+{
+    return (l + l / 4 + turn) % TRANSPORT_PACKETS * PACKET + l;
+}
+
+/* Packets: TRANSPORT_PACKETS. Thread: any. */
+void transport_find_neighbours(const struct shade_packet *packets, struct transport_neighbours *out);
+
+/* Turns the weights w[list[0 .. count - 1]] of points into those that evaluate at `to` the plane fitted to the points'
+ * values, so that a gradient causes no error if all of them are on one side, as at a block's border [Cleveland 1979].
+ * They sum to 1. Thread: any. */
+void transport_fit_plane(const float *const at[3], const uint16_t *list, uint32_t count, const float to[3], float *w);
+
 struct transport_kernels {
-    /* Finds the units whose visibility is the same for a block's 1 to 4 packets, by rays from a quarter of the points
-     * towards each. Returns the number of rays. */
-    uint64_t (*look)(const struct transport_world *w, const struct shade_packet *packets, uint32_t count,
-                     uint8_t out[SKY_CELLS]);
-    /* Traces a packet's transport into columns first .. first + 15 of out[rows], writing every entry, and adds to
-     * *sight. known: enum transport_outlook by unit. Returns the number of rays. */
-    uint64_t (*trace)(const struct transport_world *w, const struct shade_packet *p, uint32_t rows,
-                      const uint8_t known[SKY_CELLS], struct transport_matrix *out, uint32_t first,
+    /* Traces the transport of a block's 1 to 4 packets to out[rows], writing every entry of their columns, and adds to
+     * *sight. neighbours: NULL if all points trace all directions. Returns the number of rays. */
+    uint64_t (*trace)(const struct transport_world *w, const struct shade_packet *packets, uint32_t count,
+                      uint32_t rows, const struct transport_neighbours *neighbours, struct transport_matrix *out,
                       struct transport_sight *sight);
     /* Writes the block's light from the sky's lower part to lo[packets][3][16]: (rows times the sky, plus `more` unless
      * NULL) times colours. */

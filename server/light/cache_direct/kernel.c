@@ -308,4 +308,4 @@ static void gaze(const struct transport_look *look, const struct shade_packet *p
 extern const struct sun_kernels KERNEL(sun_kernels);
 extern const struct transport_kernels KERNEL(transport_kernels);
 const struct transport_kernels
-    KERNEL(transport_kernels) = { look, trace, cells, expand, aim, gaze, &KERNEL(sun_kernels), widen };
+    KERNEL(transport_kernels) = { trace, cells, expand, aim, gaze, &KERNEL(sun_kernels), widen };

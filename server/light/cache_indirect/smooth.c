@@ -10,7 +10,6 @@
 #include <string.h>
 
 #define LIKENESS 0.3f /* largest difference of points that are averaged, as the error of [Ward et al. 1988] */
-#define FLAT 1e-3     /* share of the mean squared distance: no slope is fitted along directions with less */
 
 struct indirect_smoother *indirect_smoother_create(void)
 {
@@ -60,20 +59,6 @@ float indirect_alike(const struct indirect_smoother *s, uint32_t blocks, uint32_
     return sum;
 }
 
-/* x of A x = b, A symmetric and positive. */
-static void solve3(const double a[3][3], const double b[3], double x[3])
-{
-    const double c0 = a[1][1] * a[2][2] - a[1][2] * a[1][2], c1 = a[0][2] * a[1][2] - a[0][1] * a[2][2],
-                 c2 = a[0][1] * a[1][2] - a[0][2] * a[1][1];
-    const double d1 = a[0][0] * a[2][2] - a[0][2] * a[0][2], d2 = a[0][1] * a[0][2] - a[0][0] * a[1][2],
-                 e2 = a[0][0] * a[1][1] - a[0][1] * a[0][1];
-    const double determinant = a[0][0] * c0 + a[0][1] * c1 + a[0][2] * c2;
-
-    x[0] = (c0 * b[0] + c1 * b[1] + c2 * b[2]) / determinant;
-    x[1] = (c1 * b[0] + d1 * b[1] + d2 * b[2]) / determinant;
-    x[2] = (c2 * b[0] + d2 * b[1] + e2 * b[2]) / determinant;
-}
-
 /* Writes the points from first to until - 1 whose weight is not 0; returns their number. */
 static uint32_t list_alike(const float *w, uint32_t first, uint32_t until, uint16_t *out)
 {
@@ -86,45 +71,13 @@ static uint32_t list_alike(const float *w, uint32_t first, uint32_t until, uint1
     return count;
 }
 
-/* Turns likeness into weights that sum to 1 and evaluate at p the plane fitted to the others' light, so that a gradient
- * causes no error if all of them are on one side, as at a group's border [Cleveland 1979]. */
+/* Turns likeness into weights that evaluate at p the plane fitted to the others' light. */
 static void centre(const struct indirect_smoother *s, uint32_t p, uint32_t first, uint32_t until, float *w)
 {
-    double sum = 0.0, mean[3] = { 0.0 }, spread[3][3] = { { 0.0 } }, off[3], slope[3];
+    const float *const at[3] = { s->at[0], s->at[1], s->at[2] }, to[3] = { s->at[0][p], s->at[1][p], s->at[2][p] };
     uint16_t list[INDIRECT_GROUP_POINTS];
-    const uint32_t count = list_alike(w, first, until, list);
 
-    for (uint32_t k = 0; k < count; k++) {
-        const uint32_t q = list[k];
-        sum += (double)w[q];
-        for (int c = 0; c < 3; c++)
-            mean[c] += (double)w[q] * (double)s->at[c][q];
-    }
-    for (int c = 0; c < 3; c++) {
-        mean[c] /= sum;
-        off[c] = (double)s->at[c][p] - mean[c];
-    }
-    for (uint32_t k = 0; k < count; k++) {
-        const uint32_t q = list[k];
-        const double d[3] = { (double)s->at[0][q] - mean[0], (double)s->at[1][q] - mean[1],
-                              (double)s->at[2][q] - mean[2] };
-        for (int i = 0; i < 3; i++)
-            for (int j = i; j < 3; j++)
-                spread[i][j] += (double)w[q] / sum * d[i] * d[j];
-    }
-    const double flat = FLAT * (spread[0][0] + spread[1][1] + spread[2][2]) + 1e-30;
-    for (int i = 0; i < 3; i++) {
-        spread[i][i] += flat;
-        for (int j = 0; j < i; j++)
-            spread[i][j] = spread[j][i];
-    }
-    solve3((const double(*)[3])spread, off, slope);
-    for (uint32_t k = 0; k < count; k++) {
-        const uint32_t q = list[k];
-        const double on = ((double)s->at[0][q] - mean[0]) * slope[0] + ((double)s->at[1][q] - mean[1]) * slope[1] +
-                          ((double)s->at[2][q] - mean[2]) * slope[2];
-        w[q] = (float)((double)w[q] / sum * (1.0 + on));
-    }
+    transport_fit_plane(at, list, list_alike(w, first, until, list), to, w);
 }
 
 static bool is_zero(const float *w, uint32_t stride, uint32_t first)
