@@ -319,7 +319,7 @@ test('a restarted server is found again, with its new session', () =>
     await server.stop();
     await untilState(page, 'reconnecting');
     await untilSentence(page, /The last image stays on screen\. Retrying$/);
-    assert.ok(await page.isVisible('#notice button'));
+    await page.waitForSelector('#notice button'); // while it waits for the next attempt
     assert.ok(compare(await readback(page)) <= 4); // the image stays
     const again = await startServer(PATTERN, ['--port', server.port, '--fps', '20']);
     try {
