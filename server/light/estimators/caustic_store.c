@@ -6,6 +6,7 @@
 #include "base/precedence.h"
 #include "base/progress.h"
 #include "base/rng.h"
+#include "light/cache/cache_file.h"
 #include "light/estimators/light_tracer.h"
 #include "light/estimators/packed.h"
 #include "sky/tables/sky_split.h"
@@ -424,6 +425,65 @@ enum err caustic_store_create(const struct scene *scene, const struct rays *rays
     }
     *out = s;
     return ERR_OK;
+}
+
+/* ---- Files ---- */
+
+void caustic_store_save(const struct caustic_store *s, struct cache_writer *w)
+{
+    cache_writer_put(w, &s->per_part, sizeof(s->per_part));
+    for (uint32_t k = 0; k < s->desc.parts && s->stats.paths > 0; k++) {
+        const struct part *p = &s->parts[k];
+        cache_writer_put(w, p->first, (s->tiles + 1) * sizeof(*p->first));
+        cache_writer_put(w, p->from, p->count * sizeof(*p->from));
+        cache_writer_put(w, p->power, p->count * sizeof(*p->power));
+        cache_writer_put(w, p->place, p->count * sizeof(*p->place));
+    }
+}
+
+static bool is_sound(const struct caustic_store *s, const struct part *p)
+{
+    bool sound = p->first[0] == 0;
+
+    for (uint32_t t = 0; t < s->tiles; t++)
+        sound = sound && p->first[t] <= p->first[t + 1];
+    for (uint32_t k = 0; k < p->count && sound; k++)
+        sound = direction_is_packed(p->from[k]) && p->power[k] >> 24 <= POWER_MAX && p->place[k] < TILE * TILE;
+    return sound;
+}
+
+static enum err load_part(struct caustic_store *s, struct cache_reader *r, uint32_t k, struct reason *why)
+{
+    struct part *p = &s->parts[k];
+    enum err e = cache_reader_get(r, p->first, (s->tiles + 1) * sizeof(*p->first), why);
+
+    p->count = e ? 0 : p->first[s->tiles];
+    if (!e && p->count > UINT32_MAX / 2)
+        e = cache_reader_refuse(r, why);
+    if (!e && part_reserve(p, p->count))
+        e = err_say(why, ERR_NOMEM, "out of memory");
+    if (!e)
+        e = cache_reader_get(r, p->from, p->count * sizeof(*p->from), why);
+    if (!e)
+        e = cache_reader_get(r, p->power, p->count * sizeof(*p->power), why);
+    if (!e)
+        e = cache_reader_get(r, p->place, p->count * sizeof(*p->place), why);
+    p->number = (uint64_t)k + 1;
+    return e || is_sound(s, p) ? e : cache_reader_refuse(r, why);
+}
+
+enum err caustic_store_load(struct caustic_store *s, struct cache_reader *r, struct reason *why)
+{
+    uint64_t per_part;
+    enum err e = cache_reader_get(r, &per_part, sizeof(per_part), why);
+
+    if (!e && per_part != s->per_part)
+        e = cache_reader_refuse(r, why);
+    for (uint32_t k = 0; k < s->desc.parts && s->stats.paths > 0 && !e; k++)
+        e = load_part(s, r, k, why);
+    s->whole = !e;
+    count_all(s);
+    return e;
 }
 
 void caustic_store_destroy(struct caustic_store *s)

@@ -88,6 +88,8 @@ MUST_CHECK enum err eye_paths_shade(const struct scene *scene, const struct rays
  *
  * Thread: one at a time per store. Functions run on all OpenMP threads; results do not depend on their number. */
 
+struct cache_reader;
+struct cache_writer;
 struct eye_store;
 
 struct eye_store_desc {
@@ -116,3 +118,9 @@ void eye_store_destroy(struct eye_store *s); /* NULL is allowed */
 void eye_store_light(const struct eye_store *s, const struct environment *e, float level, float *lo);
 
 const struct eye_store_stats *eye_store_stats(const struct eye_store *s); /* owned by the store */
+
+/* Adds the store, which must stay, to a section of w. Reads such a section's store for a G-buffer of so many packets.
+ * ERR_FORMAT: it is none; ERR_IO; ERR_NOMEM. */
+void eye_store_save(const struct eye_store *s, struct cache_writer *w);
+MUST_CHECK enum err eye_store_load(struct cache_reader *r, uint32_t packets, struct eye_store **out,
+                                   struct reason *why);

@@ -4,11 +4,13 @@
 #include "base/denormals.h"
 #include "base/half.h"
 #include "base/mem.h"
+#include "light/cache/cache_file.h"
 #include "light/estimators/packed.h"
 #include "sky/tables/sky_split.h"
 
 #include <assert.h>
 #include <math.h>
+#include <stddef.h>
 #include <string.h>
 
 #define MAX_BYTES (UINT64_C(256) << 20)
@@ -25,6 +27,7 @@ struct list { /* of a packet with ends */
     uint32_t packet, count;
     struct end *ends;
 };
+#define LIST_STORED offsetof(struct list, ends) /* bytes of it in a file */
 
 struct eye_store {
     struct list *lists; /* ascending packets */
@@ -206,4 +209,73 @@ void eye_store_light(const struct eye_store *s, const struct environment *e, flo
 const struct eye_store_stats *eye_store_stats(const struct eye_store *s)
 {
     return &s->stats;
+}
+
+/* ---- Files ---- */
+
+void eye_store_save(const struct eye_store *s, struct cache_writer *w)
+{
+    cache_writer_put(w, &s->stats, sizeof(s->stats));
+    cache_writer_put(w, &s->list_count, sizeof(s->list_count));
+    for (uint32_t k = 0; k < s->list_count; k++)
+        cache_writer_put(w, &s->lists[k], LIST_STORED);
+    cache_writer_put(w, s->ends, s->stats.ends * sizeof(*s->ends));
+}
+
+/* Reads the lists, whose packets ascend and whose ends are as many as there are. */
+static enum err load_lists(struct eye_store *s, struct cache_reader *r, uint32_t packets, struct reason *why)
+{
+    struct end *at = s->ends;
+    uint64_t left = s->stats.ends;
+    enum err e = ERR_OK;
+
+    for (uint32_t k = 0; k < s->list_count && !e; k++) {
+        struct list *to = &s->lists[k];
+        e = cache_reader_get(r, to, LIST_STORED, why);
+        if (!e && (to->packet >= packets || (k > 0 && to->packet <= to[-1].packet) || to->count > left))
+            e = cache_reader_refuse(r, why);
+        to->ends = at;
+        at += e ? 0 : to->count;
+        left -= e ? 0 : to->count;
+    }
+    return e || left == 0 ? e : cache_reader_refuse(r, why);
+}
+
+static enum err load_ends(struct eye_store *s, struct cache_reader *r, struct reason *why)
+{
+    enum err e = cache_reader_get(r, s->ends, s->stats.ends * sizeof(*s->ends), why);
+
+    for (uint64_t k = 0; k < s->stats.ends && !e; k++) {
+        const struct end *end = &s->ends[k];
+        bool sound = direction_is_packed(end->from) && end->lane < PACKET;
+        for (int c = 0; c < 3; c++)
+            sound = sound && isfinite(half_widen(end->rgb[c]));
+        e = sound ? ERR_OK : cache_reader_refuse(r, why);
+    }
+    return e;
+}
+
+enum err eye_store_load(struct cache_reader *r, uint32_t packets, struct eye_store **out, struct reason *why)
+{
+    struct eye_store *s = mem_alloc(1, sizeof(*s));
+    enum err e = s ? cache_reader_get(r, &s->stats, sizeof(s->stats), why) : err_say(why, ERR_NOMEM, "out of memory");
+
+    *out = NULL;
+    if (!e)
+        e = cache_reader_get(r, &s->list_count, sizeof(s->list_count), why);
+    if (!e && (s->list_count > packets || s->stats.ends > UINT32_MAX || s->stats.per_point == 0))
+        e = cache_reader_refuse(r, why);
+    if (!e) {
+        s->lists = mem_alloc(s->list_count + 1, sizeof(*s->lists));
+        s->ends = mem_alloc_raw(s->stats.ends + 1, sizeof(*s->ends));
+        e = s->lists && s->ends ? load_lists(s, r, packets, why) : err_say(why, ERR_NOMEM, "out of memory");
+    }
+    if (!e)
+        e = load_ends(s, r, why);
+    if (e) {
+        eye_store_destroy(s);
+        return e;
+    }
+    *out = s;
+    return ERR_OK;
 }

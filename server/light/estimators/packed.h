@@ -8,6 +8,7 @@
 #include "sky/tables/cube.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdint.h>
 #include <string.h>
 
@@ -27,6 +28,12 @@ static inline uint32_t direction_texel(uint32_t packed, uint32_t n)
     const uint32_t mask = (1u << DIRECTION_BITS) - 1, row = packed >> DIRECTION_BITS & mask, column = packed & mask;
 
     return ((packed >> 2 * DIRECTION_BITS) * n + (row * n >> DIRECTION_BITS)) * n + (column * n >> DIRECTION_BITS);
+}
+
+/* Whether it came from direction_pack: those read from a file may not. */
+static inline bool direction_is_packed(uint32_t packed)
+{
+    return packed >> 2 * DIRECTION_BITS < CUBE_FACES;
 }
 
 /* ---- Colours ---- */

@@ -160,63 +160,108 @@ static const struct transport *build_direct(struct relight_builder *b)
     return t;
 }
 
-/* Without memory for them live images trace such paths. */
-static void build_behind(struct relight_builder *b, const struct plan *plan)
+static struct eye_store_desc describe_behind(const struct relight_builder *b, const struct plan *plan)
 {
-    const double start = clock_seconds();
-    struct eye_store_desc d = {
+    return (struct eye_store_desc){
         .classes = relight_plan_behind(&b->light, plan),
         .paths = BEHIND_PATHS,
         .max_bytes = b->light.cache_bytes / 2,
         .cancel = &b->cancelled,
         .urgent = b->urgent,
     };
+}
+
+/* Publishes both halves, or neither. */
+static void give_behind(struct relight_builder *b, const struct relight_paths *p)
+{
+    for (int k = 0; k < 2; k++)
+        b->behind[k] = p->behind[k];
+    atomic_store(&b->behind_ready, p->behind[0] && p->behind[1]);
+}
+
+/* Without memory for them live images trace such paths. */
+static void build_behind(struct relight_builder *b, struct eye_store_desc d, struct relight_paths *p)
+{
+    const double start = clock_seconds();
     bool all = d.classes != 0;
 
     for (int k = 0; k < 2 && all; k++) {
         d.seed = rng_mix(b->light.direct.seed, 0x657965u + (uint64_t)k);
         all =
-            eye_store_create(b->set->scene, b->set->rays, b->set->gbuffer, &d, &b->behind[k]) == ERR_OK && b->behind[k];
+            eye_store_create(b->set->scene, b->set->rays, b->set->gbuffer, &d, &p->behind[k]) == ERR_OK && p->behind[k];
     }
     if (all)
         log_info("caustics behind mirrors and glass: stored in the background in %.1f s, %.1f MB",
                  clock_seconds() - start,
-                 1e-6 * (double)(eye_store_stats(b->behind[0])->bytes + eye_store_stats(b->behind[1])->bytes));
-    atomic_store(&b->behind_ready, all);
+                 1e-6 * (double)(eye_store_stats(p->behind[0])->bytes + eye_store_stats(p->behind[1])->bytes));
+    give_behind(b, p);
 }
 
-/* Live images begin such a store themselves. */
-static void build_caustics(struct relight_builder *b, const struct plan *plan)
+/* An empty store of such paths; NULL if there are none, or no memory: then live images make one themselves. */
+static struct caustic_store *begin_caustics(struct relight_builder *b)
 {
-    const uint32_t classes = relight_plan_classes(plan, PLAN_STORED);
-    struct caustic_store_desc d = relight_caustics_describe(b->set, &b->light, classes);
-    const double start = clock_seconds();
+    struct caustic_store_desc d = b->caustics_made;
     struct caustic_store *made = NULL;
     struct reason why;
 
-    b->caustics_made = d;
     d.urgent = b->urgent;
-    if (!classes || caustic_store_create(b->set->scene, b->set->rays, &b->set->view, &d, &made, &why))
+    if (!d.classes || caustic_store_create(b->set->scene, b->set->rays, &b->set->view, &d, &made, &why))
+        return NULL;
+    return made;
+}
+
+static void build_caustics(struct relight_builder *b, struct relight_paths *p)
+{
+    const double start = clock_seconds();
+
+    if (!p->caustics)
         return;
-    if (caustic_store_turn(made, 0, NULL, &b->cancelled) || !caustic_store_is_complete(made)) {
-        caustic_store_destroy(made);
+    if (caustic_store_turn(p->caustics, 0, NULL, &b->cancelled) || !caustic_store_is_complete(p->caustics)) {
+        caustic_store_destroy(p->caustics);
+        p->caustics = NULL;
         return;
     }
     log_info("caustics: stored in the background in %.1f s, %.0f MB", clock_seconds() - start,
-             1e-6 * (double)caustic_store_stats(made)->bytes);
-    atomic_store(&b->caustics, made);
+             1e-6 * (double)caustic_store_stats(p->caustics)->bytes);
 }
 
-/* What live images have beside the caches (beside.h). */
+/* Beyond geometry, materials and the caches' own numbers. */
+static struct digest digest_of_paths(const struct eye_store_desc *behind, const struct caustic_store_desc *c)
+{
+    const uint64_t numbers[] = { behind->classes, behind->paths, behind->max_bytes, c->classes,   c->paths,
+                                 c->parts,        c->start,      c->seed,           c->max_bytes, c->ground_apart };
+    struct digest d = { { 0 } };
+
+    digest_bytes(&d, numbers, sizeof(numbers));
+    return d;
+}
+
+/* What live images have beside the caches (beside.h), from its file or traced. */
 static void build_beside(struct relight_builder *b)
 {
+    struct relight_paths p = { .caustics = NULL };
+    struct relight_keep keep;
     struct plan plan;
 
     if (!beside_wanted(b->set, &b->light) || is_cancelled(&b->cancelled))
         return;
     plan_make(&b->set->facts, &b->light, true, &plan);
-    build_behind(b, &plan);
-    build_caustics(b, &plan);
+    const struct eye_store_desc behind = describe_behind(b, &plan);
+    b->caustics_made = relight_caustics_describe(b->set, &b->light, relight_plan_classes(&plan, PLAN_STORED));
+    const struct digest key = digest_of_paths(&behind, &b->caustics_made);
+    relight_keep_init_paths(&keep, &b->keep, b->set, &b->light, &key);
+    p.caustics = begin_caustics(b);
+    if (relight_keep_load_paths(&keep, b->set, behind.classes != 0, &p)) {
+        give_behind(b, &p);
+    } else {
+        caustic_store_destroy(p.caustics);
+        build_behind(b, behind, &p);
+        p.caustics = begin_caustics(b);
+        build_caustics(b, &p);
+        if (!is_cancelled(&b->cancelled) && !behind.classes == !p.behind[1] && !b->caustics_made.classes == !p.caustics)
+            relight_keep_save_paths(&keep, &p);
+    }
+    atomic_store(&b->caustics, p.caustics);
 }
 
 /* Direct light reserves its share of the memory first, whichever is computed first. */

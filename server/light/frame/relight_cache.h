@@ -8,6 +8,7 @@
 #include "light/cache_direct/live.h"
 #include "light/cache_direct/transport.h"
 #include "light/cache_indirect/indirect.h"
+#include "light/estimators/caustic_store.h"
 #include "light/estimators/eye_paths.h"
 #include "light/frame/relight.h"
 #include "sky/tables/sky_split.h"
@@ -47,6 +48,24 @@ MUST_CHECK enum err relight_keep_load_indirect(struct relight_keep *k, const str
  * this one. bounce and its desc NULL: no indirect light. */
 void relight_keep_save(struct relight_keep *k, const struct transport *t, const struct indirect_cache *indirect,
                        const struct indirect_desc *desc);
+
+/* What live images store beside the two caches; NULL: nothing of the kind. */
+struct relight_paths {
+    struct eye_store *behind[2];    /* halves of eye paths at points behind mirrors and glass */
+    struct caustic_store *caustics; /* light paths, of turn 0 */
+};
+
+/* The file of these paths, which lies beside that of the caches in their folder; with --cache-file there is none.
+ * paths: a digest of what they depend on beyond the caches and the scene's materials. */
+void relight_keep_init_paths(struct relight_keep *k, const struct relight_keep *caches,
+                             const struct prepared_scene *set, const struct relight_desc *desc,
+                             const struct digest *paths);
+
+/* Reads them. behind: eye paths are wanted; p->caustics: an empty store if light paths are. False: some are missing,
+ * and p->caustics can only be destroyed. */
+bool relight_keep_load_paths(struct relight_keep *k, const struct prepared_scene *set, bool behind,
+                             struct relight_paths *p);
+void relight_keep_save_paths(struct relight_keep *k, const struct relight_paths *p);
 
 struct relight_builder;
 

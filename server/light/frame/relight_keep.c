@@ -5,6 +5,7 @@
 #include "light/cache/cache_share.h"
 #include "light/cache_direct/transport.h"
 #include "light/cache_indirect/indirect.h"
+#include "scene/geometry/scene_digest.h"
 
 #include <string.h>
 
@@ -103,30 +104,152 @@ enum err relight_keep_load_indirect(struct relight_keep *k, const struct kernels
     return e ? refuse(k, e, "indirect light", why) : ERR_OK;
 }
 
+/* Writes the sections, which are begun by `add`, of about so many bytes. */
+static enum err store(struct relight_keep *k, uint64_t bytes, void (*add)(const void *context, struct cache_writer *w),
+                      const void *context, struct reason *why)
+{
+    struct cache_writer *file = cache_writer_create();
+    enum err e = file ? cache_place_prepare(&k->place, bytes, why) : err_say(why, ERR_NOMEM, "no memory");
+
+    if (!e) {
+        add(context, file);
+        e = cache_writer_store(file, k->place.path, why);
+    }
+    cache_writer_destroy(file);
+    if (e)
+        log_warning("light transport is not kept for the next run: %s", why->text);
+    k->unwritable = e != ERR_OK;
+    return e;
+}
+
+struct caches { /* what relight_keep_save stores */
+    const struct relight_keep *keep;
+    const struct transport *direct;
+    const struct indirect_cache *indirect;
+    const struct indirect_desc *desc;
+};
+
+static void add_caches(const void *context, struct cache_writer *w)
+{
+    const struct caches *c = context;
+
+    if (c->direct)
+        transport_save(c->direct, &c->keep->key, w);
+    if (c->indirect) {
+        const struct digest key = indirect_key(&c->keep->key, c->desc);
+        indirect_save(c->indirect, &key, w);
+    }
+}
+
 void relight_keep_save(struct relight_keep *k, const struct transport *t, const struct indirect_cache *indirect,
                        const struct indirect_desc *desc)
 {
     const uint64_t bytes = (t ? transport_stats(t)->bytes : 0) + (indirect ? indirect_stats(indirect)->bytes : 0);
+    const struct caches caches = { k, t, indirect, desc };
     struct reason why = { "" };
 
     if (!k->place.path[0] || k->unwritable || !cache_share_takes_all(k->share))
         return;
-    struct cache_writer *file = cache_writer_create();
-    enum err e = file ? cache_place_prepare(&k->place, bytes, &why) : err_say(&why, ERR_NOMEM, "no memory");
-    if (!e) {
-        if (t)
-            transport_save(t, &k->key, file);
-        if (indirect) {
-            const struct digest key = indirect_key(&k->key, desc);
-            indirect_save(indirect, &key, file);
-        }
-        e = cache_writer_store(file, k->place.path, &why);
-    }
-    cache_writer_destroy(file);
-    if (!e)
+    if (!store(k, bytes, add_caches, &caches, &why))
         log_info("%s%s: kept in %s", t ? "light transport" : "indirect light",
                  t && indirect ? " and indirect light" : "", k->place.path);
-    else
-        log_warning("light transport is not kept for the next run: %s", why.text);
-    k->unwritable = e != ERR_OK;
+}
+
+/* ---- Stored paths ---- */
+
+static const char *const sections[] = { "eye paths 0", "eye paths 1", "caustics" };
+
+void relight_keep_init_paths(struct relight_keep *k, const struct relight_keep *caches,
+                             const struct prepared_scene *set, const struct relight_desc *desc,
+                             const struct digest *paths)
+{
+    const struct cache_view view = { set->file, set->camera, set->view.width, set->view.height };
+    struct reason why;
+
+    *k = (struct relight_keep){ .share = caches->share, .key = caches->key };
+    if (!caches->place.folder[0] || caches->unwritable)
+        return;
+    digest_bytes(&k->key, paths, sizeof(*paths));
+    digest_scene(&k->key, set->scene);
+    if (cache_place_find(&view, "", desc->cache_dir, &k->key, &k->place, &why))
+        log_warning("stored paths are not kept for the next run: %s", why.text);
+}
+
+static enum err load_paths(const struct relight_keep *k, struct cache_reader *r, const struct prepared_scene *set,
+                           bool behind, struct relight_paths *p, struct reason *why)
+{
+    enum err e = ERR_OK;
+
+    for (int i = 0; i < 2 && behind && !e; i++) {
+        e = cache_reader_find(r, sections[i], &k->key, why);
+        if (!e)
+            e = eye_store_load(r, set->gbuffer->packet_count, &p->behind[i], why);
+        if (!e)
+            e = cache_reader_end(r, why);
+    }
+    if (!e && p->caustics)
+        e = cache_reader_find(r, sections[2], &k->key, why);
+    if (!e && p->caustics)
+        e = caustic_store_load(p->caustics, r, why);
+    return e || !p->caustics ? e : cache_reader_end(r, why);
+}
+
+bool relight_keep_load_paths(struct relight_keep *k, const struct prepared_scene *set, bool behind,
+                             struct relight_paths *p)
+{
+    struct cache_reader *r;
+    struct reason why;
+    enum err e = open_file(k, &r, &why);
+
+    if (!e && !r)
+        return false;
+    if (!e)
+        e = load_paths(k, r, set, behind, p, &why);
+    cache_reader_close(r);
+    if (!e) {
+        cache_folder_touch(k->place.path);
+        log_info("caustics: loaded from %s", k->place.path);
+        return true;
+    }
+    for (int i = 0; i < 2; i++) {
+        eye_store_destroy(p->behind[i]);
+        p->behind[i] = NULL;
+    }
+    if (refuse(k, e, "paths of caustics", &why))
+        log_warning("%s: %s", k->place.path, why.text);
+    return false;
+}
+
+struct kept_paths { /* what relight_keep_save_paths stores */
+    const struct relight_keep *keep;
+    const struct relight_paths *paths;
+};
+
+static void add_paths(const void *context, struct cache_writer *w)
+{
+    const struct kept_paths *c = context;
+
+    for (int i = 0; i < 2; i++)
+        if (c->paths->behind[i]) {
+            cache_writer_section(w, sections[i], &c->keep->key);
+            eye_store_save(c->paths->behind[i], w);
+        }
+    if (c->paths->caustics) {
+        cache_writer_section(w, sections[2], &c->keep->key);
+        caustic_store_save(c->paths->caustics, w);
+    }
+}
+
+void relight_keep_save_paths(struct relight_keep *k, const struct relight_paths *p)
+{
+    const struct kept_paths all = { k, p };
+    struct reason why = { "" };
+    uint64_t bytes = p->caustics ? caustic_store_stats(p->caustics)->bytes : 0;
+
+    for (int i = 0; i < 2; i++)
+        bytes += p->behind[i] ? eye_store_stats(p->behind[i])->bytes : 0;
+    if (!k->place.path[0] || k->unwritable || !cache_share_takes_all(k->share))
+        return;
+    if (!store(k, bytes, add_paths, &all, &why))
+        log_info("caustics: kept in %s", k->place.path);
 }

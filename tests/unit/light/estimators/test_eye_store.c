@@ -3,7 +3,9 @@
 #include "light/estimators/courts.h"
 #include "light/estimators/points.h"
 
+#include "light/cache/cache_file.h"
 #include "light/estimators/eye_paths.h"
+#include "support/sections.h"
 
 #include <omp.h>
 
@@ -129,11 +131,73 @@ static void cancelled_there_is_no_store(void **state)
     lit_destroy(&x);
 }
 
+static void save_ends(const void *store, struct cache_writer *w)
+{
+    eye_store_save(store, w);
+}
+
+/* Reads it, and lights by it whatever it has become; NULL: it was refused. */
+static struct eye_store *load_ends(struct section *s, struct lit *x)
+{
+    struct cache_reader *r = section_read(s);
+    struct eye_store *out = NULL;
+    struct reason why;
+
+    enum err e = eye_store_load(r, x->gbuffer->packet_count, &out, &why);
+    assert_true((e == ERR_OK) == (out != NULL));
+    if (!e)
+        e = cache_reader_end(r, &why);
+    cache_reader_close(r);
+    if (e) {
+        eye_store_destroy(out);
+        return NULL;
+    }
+    return out;
+}
+
+/* The same light from a file; and none, or some, but no fault from one whose numbers are wrong. */
+static void a_file_holds_eye_paths(void **state)
+{
+    (void)state;
+    struct environment *e = sky_environment(sky_with_sun(32, 16, 20.0f), 16, 0.0);
+    struct lit x = lit_create(mixed_court(), 24, 20);
+    struct eye_store *s = store_of(&x, CLASSES, 0);
+    float *before = mem_alloc(x.size, sizeof(float));
+    struct rng random = { 3 };
+    uint32_t refused = 0;
+
+    struct section section = section_of(s, save_ends);
+    clear(&x);
+    eye_store_light(s, e, INFINITY, before);
+    struct eye_store *again = load_ends(&section, &x);
+    assert_non_null(again);
+    eye_store_light(again, e, INFINITY, x.lo);
+    assert_memory_equal(before, x.lo, x.size * sizeof(float));
+    assert_memory_equal(eye_store_stats(s), eye_store_stats(again), sizeof(struct eye_store_stats));
+    eye_store_destroy(again);
+    for (int k = 0; k < 400; k++) {
+        section_spoil(&section, &random);
+        again = load_ends(&section, &x);
+        if (again)
+            eye_store_light(again, e, INFINITY, x.lo);
+        refused += again == NULL;
+        eye_store_destroy(again);
+        section_mend(&section);
+    }
+    assert_true(refused > 100);
+    section_free(&section);
+    mem_free(before);
+    eye_store_destroy(s);
+    lit_destroy(&x);
+    environment_destroy(e);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_store_lights_each_sky_as_its_own_paths_do),
     cmocka_unit_test(what_is_above_the_level_is_left_out),
     cmocka_unit_test(the_same_seed_gives_the_same_bits_at_any_thread_count),
     cmocka_unit_test(memory_that_does_not_suffice_means_fewer_paths),
     cmocka_unit_test(cancelled_there_is_no_store),
+    cmocka_unit_test(a_file_holds_eye_paths),
 };
 UNIT_MAIN(tests)

@@ -4,6 +4,8 @@
 #include "light/frame/relighter.h"
 #include "light/frame/stage.h"
 #include "measure/compare/metrics.h"
+#include "scene/geometry/files.h"
+#include "support/kept.h"
 
 enum { WIDTH = 48, HEIGHT = 27, VALUES = 3 * WIDTH * HEIGHT, IMAGES = 12 };
 
@@ -346,7 +348,73 @@ static void the_builder_stores_what_images_trace_before(void **state)
     stage_finish(&other);
 }
 
+/* Whether it is in the log, between log_begin and log_end. */
+static bool is_logged(const char *part)
+{
+    static char text[8192];
+    const ssize_t n = pread(STDERR_FILENO, text, sizeof(text) - 1, 0);
+
+    text[n > 0 ? n : 0] = '\0';
+    return strstr(text, part) != NULL;
+}
+
+/* Images, as if in another run, until all is computed or read, and kept; the log of it. */
+static const char *store_all(struct stage *s, struct relight_desc light, struct eye_store_stats *behind)
+{
+    struct relight_stats stats = { .cache_share = 0.0 };
+
+    relighter_destroy(s->relighter);
+    log_begin();
+    s->relighter = relighter_create(s->set, best_kernels());
+    for (; stats.cache_share < 1.0 || !relight_cache_behind(&s->relighter->cache) ||
+           !(is_logged("caustics: kept in") || is_logged("caustics: loaded"));
+         light.turn++)
+        run(s, &light, &stats);
+    *behind = *eye_store_stats(relight_cache_behind(&s->relighter->cache)[1]);
+    relighter_destroy(s->relighter);
+    s->relighter = relighter_create(s->set, best_kernels());
+    return log_end();
+}
+
+/* The second of two runs reads the first one's paths; the third has a damaged file, traces them again and says so. */
+static void another_run_reads_them(void **state)
+{
+    struct stage s = ring(sky_overcast(64, 32));
+    struct relight_desc light = caustics;
+    struct eye_store_stats first, again;
+    char folder[] = "/tmp/relight-paths-XXXXXX", name[256];
+    (void)state;
+
+    assert_non_null(mkdtemp(folder));
+    light.classes = PATH_DIRECT | PATH_CAUSTICS;
+    light.denoise = false;
+    light.direct.method = METHOD_CACHED;
+    light.cache_background = true;
+    light.cache_file = "";
+    light.cache_dir = folder;
+    for (int k = 0; k < 3; k++) {
+        if (k == 2) {
+            FILE *f = fopen(name, "r+b");
+            assert_true(f && fseek(f, 3000, SEEK_SET) == 0 && fwrite("?", 1, 1, f) == 1 && fclose(f) == 0);
+        }
+        const char *log = store_all(&s, light, k ? &again : &first);
+        if (count_of(log, "caustics: loaded from") != (k == 1) || count_of(log, "caustics: kept in") != (k != 1) ||
+            count_of(log, "it is computed again") != (k == 2))
+            fail_msg("%s", log);
+        if (k == 0) { /* the file of paths, not of direct light */
+            const char *at = strstr(log, "caustics: kept in ") + strlen("caustics: kept in ");
+            snprintf(name, sizeof(name), "%.*s", (int)strcspn(at, "\n"), at);
+        }
+        assert_true(k == 0 || memcmp(&first, &again, sizeof(first)) == 0);
+        char any[256];
+        assert_int_equal(kept_files(folder, any), 2);
+    }
+    kept_remove(folder);
+    stage_finish(&s);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(another_run_reads_them),
     cmocka_unit_test(the_builder_stores_what_images_trace_before),
     cmocka_unit_test(images_under_a_moving_sky_take_turns),
     cmocka_unit_test(the_store_grows_while_images_are_made),
