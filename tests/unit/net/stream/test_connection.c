@@ -100,9 +100,9 @@ static void silent_connections_of_one_address_are_turned_away(void **state)
         for (int i = 0; i < MANY; i++)
             open_from(&c[i], s, "127.0.0.3");
         assert_int_equal(greet_from(s, "127.0.0.4", ""), 0);
-        for (int i = 0; i < MANY; i++) {
+        for (int i = LIMIT + OTHERS; i < MANY; i++) { /* the ones before have their time to say something */
             struct pollfd p = { .fd = c[i].fd, .events = POLLIN };
-            cut += poll(&p, 1, i < LIMIT + OTHERS ? 0 : CLIENT_WAIT_MS) > 0 && recv(c[i].fd, c[i].in, 1, 0) <= 0;
+            cut += poll(&p, 1, CLIENT_WAIT_MS) > 0 && recv(c[i].fd, c[i].in, 1, 0) <= 0;
         }
         assert_int_equal(cut, MANY - LIMIT - OTHERS);
         server_counters(s, &counters);
