@@ -22,6 +22,7 @@
 #define LOBE_SHARE 4u   /* or if it has a lobe: only its matte part is averaged with theirs */
 #define FIRST_LEAST 12u /* if these are as many */
 #define TOGETHER 8.0f   /* times a point's most rays: those of all points whose light is averaged with its own */
+#define LOBE_MOST 2u    /* of the most rays of a point one in so many is traced if it has a lobe, of each kind */
 
 /* A shade point with its BRDF, whose parts are rows (light/cache_direct/internal.h). */
 struct point {
@@ -322,12 +323,14 @@ static void gather_block(const struct indirect_build *b, struct bench *w, const 
     }
 }
 
-/* The rays that a point needs if so many points are alike, itself included. */
-static uint32_t rays_among(const struct indirect_build *b, uint32_t first, float alike)
+/* The rays that a block's point needs if so many points are alike, itself included. */
+static uint32_t rays_among(const struct indirect_build *b, const struct indirect_block *block, float alike)
 {
+    const uint32_t first = first_rays(b, block), half = b->gather / LOBE_MOST;
+    const uint32_t most = block->rows == 1 || half < first ? b->gather : half;
     const float wanted = TOGETHER * (float)b->gather / fmaxf(alike, 1.0f);
 
-    return wanted > (float)b->gather ? b->gather : wanted > (float)first ? (uint32_t)wanted : first;
+    return wanted > (float)most ? most : wanted > (float)first ? (uint32_t)wanted : first;
 }
 
 /* The noise of a point's light is that of all points whose light is averaged with its own: those with few such points
@@ -339,7 +342,7 @@ static void gather_rest(const struct indirect_build *b, struct bench *w, const s
 
     for (uint32_t at = 0; at < points; at++)
         if (w->smoother->used[at])
-            w->rays[at] = rays_among(b, first_rays(b, &b->b->blocks[g->first + at / TRANSPORT_POINTS]),
+            w->rays[at] = rays_among(b, &b->b->blocks[g->first + at / TRANSPORT_POINTS],
                                      indirect_alike(w->smoother, g->count, reach, at));
     for (uint32_t at = 0; at < points; at++) {
         const struct indirect_block *block = &b->b->blocks[g->first + at / TRANSPORT_POINTS];
