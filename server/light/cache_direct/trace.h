@@ -330,10 +330,8 @@ static void set_alone(struct block_trace *b, const struct shade_packet *packets)
         n++;
     }
     b->lone_count = (n + PACKET - 1) / PACKET;
-    for (; n % PACKET != 0; n++) {
+    for (; n % PACKET != 0; n++)
         b->lone[n / PACKET].valid[n % PACKET] = 0;
-        b->from[n / PACKET][n % PACKET] = b->from[n / PACKET][0];
-    }
     for (uint32_t k = 0; k < b->lone_count; k++) {
         struct tracer *t = &b->alone[k];
         struct outlook *o = &b->outlooks[k];

@@ -326,11 +326,10 @@ static void gather_block(const struct indirect_build *b, struct bench *w, const 
 /* The rays that a block's point needs if so many points are alike, itself included. */
 static uint32_t rays_among(const struct indirect_build *b, const struct indirect_block *block, float alike)
 {
-    const uint32_t first = first_rays(b, block), half = b->gather / LOBE_MOST;
-    const uint32_t most = block->rows == 1 || half < first ? b->gather : half;
-    const float wanted = TOGETHER * (float)b->gather / fmaxf(alike, 1.0f);
+    const uint32_t first = first_rays(b, block), most = block->rows == 1 ? b->gather : b->gather / LOBE_MOST;
+    const uint32_t wanted = (uint32_t)fminf(TOGETHER * (float)b->gather / fmaxf(alike, 1.0f), (float)most);
 
-    return wanted > (float)most ? most : wanted > (float)first ? (uint32_t)wanted : first;
+    return wanted > first ? wanted : first;
 }
 
 /* The noise of a point's light is that of all points whose light is averaged with its own: those with few such points

@@ -36,12 +36,8 @@ static int level_of(const struct indirect_records *r, struct vec3 at, float t)
 {
     const double whole = (double)r->angle * (double)vec3_length(vec3_sub(at, r->eye));
     const double size = fmax(fmin(whole, NEAR * (double)t), LEAST * whole);
-    int level = LEVEL_LEAST;
+    const int level = size > 0.0 ? (int)floor(log2(size)) : LEVEL_LEAST;
 
-    if (size > 0.0) {
-        frexp(size, &level); /* to a power of two above it, */
-        level--;
-    }
     return level < LEVEL_LEAST ? LEVEL_LEAST : level > LEVEL_MOST ? LEVEL_MOST : level;
 }
 

@@ -481,7 +481,11 @@ enum err caustic_store_load(struct caustic_store *s, struct cache_reader *r, str
         e = cache_reader_refuse(r, why);
     for (uint32_t k = 0; k < s->desc.parts && s->stats.paths > 0 && !e; k++)
         e = load_part(s, r, k, why);
+    if (!e)
+        e = cache_reader_end(r, why); /* before that, numbers may be damaged */
     s->whole = !e;
+    for (uint32_t k = 0; k < s->desc.parts && e; k++)
+        s->parts[k].number = s->parts[k].count = 0;
     count_all(s);
     return e;
 }

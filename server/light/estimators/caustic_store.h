@@ -93,8 +93,8 @@ MUST_CHECK enum err caustic_store_light_half(struct caustic_store *s, const stru
 
 const struct caustic_store_stats *caustic_store_stats(const struct caustic_store *s); /* owned by the store */
 
-/* Adds a complete store of turn 0, which must stay as it is, to a section of w. Reads such a section into an empty
- * store of the same description. ERR_FORMAT: it is none; ERR_IO; ERR_NOMEM: afterwards the store can only be destroyed.
+/* Adds a complete store of turn 0, which must stay as it is, to a section of w. Reads such a section to its end,
+ * into an empty store of the same description, which stays empty on errors. ERR_FORMAT: it is none; ERR_IO; ERR_NOMEM.
  */
 void caustic_store_save(const struct caustic_store *s, struct cache_writer *w);
 MUST_CHECK enum err caustic_store_load(struct caustic_store *s, struct cache_reader *r, struct reason *why);

@@ -254,9 +254,7 @@ static void build_beside(struct relight_builder *b)
     if (relight_keep_load_paths(&keep, b->set, behind.classes != 0, &p)) {
         give_behind(b, &p);
     } else {
-        caustic_store_destroy(p.caustics);
         build_behind(b, behind, &p);
-        p.caustics = begin_caustics(b);
         build_caustics(b, &p);
         if (!is_cancelled(&b->cancelled) && !behind.classes == !p.behind[1] && !b->caustics_made.classes == !p.caustics)
             relight_keep_save_paths(&keep, &p);

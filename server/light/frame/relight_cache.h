@@ -62,7 +62,7 @@ void relight_keep_init_paths(struct relight_keep *k, const struct relight_keep *
                              const struct digest *paths);
 
 /* Reads them. behind: eye paths are wanted; p->caustics: an empty store if light paths are. False: some are missing,
- * and p->caustics can only be destroyed. */
+ * and *p is as before. */
 bool relight_keep_load_paths(struct relight_keep *k, const struct prepared_scene *set, bool behind,
                              struct relight_paths *p);
 void relight_keep_save_paths(struct relight_keep *k, const struct relight_paths *p);

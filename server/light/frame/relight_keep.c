@@ -104,22 +104,26 @@ enum err relight_keep_load_indirect(struct relight_keep *k, const struct kernels
     return e ? refuse(k, e, "indirect light", why) : ERR_OK;
 }
 
-/* Writes the sections, which are begun by `add`, of about so many bytes. */
-static enum err store(struct relight_keep *k, uint64_t bytes, void (*add)(const void *context, struct cache_writer *w),
-                      const void *context, struct reason *why)
+/* Writes `what`, sections begun by `add`, of about so many bytes, if the file is to be kept. */
+static void store(struct relight_keep *k, const char *what, uint64_t bytes,
+                  void (*add)(const void *context, struct cache_writer *w), const void *context)
 {
-    struct cache_writer *file = cache_writer_create();
-    enum err e = file ? cache_place_prepare(&k->place, bytes, why) : err_say(why, ERR_NOMEM, "no memory");
+    struct reason why = { "" };
 
+    if (!k->place.path[0] || k->unwritable || !cache_share_takes_all(k->share))
+        return;
+    struct cache_writer *file = cache_writer_create();
+    enum err e = file ? cache_place_prepare(&k->place, bytes, &why) : err_say(&why, ERR_NOMEM, "no memory");
     if (!e) {
         add(context, file);
-        e = cache_writer_store(file, k->place.path, why);
+        e = cache_writer_store(file, k->place.path, &why);
     }
     cache_writer_destroy(file);
-    if (e)
-        log_warning("light transport is not kept for the next run: %s", why->text);
+    if (!e)
+        log_info("%s: kept in %s", what, k->place.path);
+    else
+        log_warning("light transport is not kept for the next run: %s", why.text);
     k->unwritable = e != ERR_OK;
-    return e;
 }
 
 struct caches { /* what relight_keep_save stores */
@@ -146,13 +150,12 @@ void relight_keep_save(struct relight_keep *k, const struct transport *t, const 
 {
     const uint64_t bytes = (t ? transport_stats(t)->bytes : 0) + (indirect ? indirect_stats(indirect)->bytes : 0);
     const struct caches caches = { k, t, indirect, desc };
-    struct reason why = { "" };
 
-    if (!k->place.path[0] || k->unwritable || !cache_share_takes_all(k->share))
-        return;
-    if (!store(k, bytes, add_caches, &caches, &why))
-        log_info("%s%s: kept in %s", t ? "light transport" : "indirect light",
-                 t && indirect ? " and indirect light" : "", k->place.path);
+    store(k,
+          !t         ? "indirect light"
+          : indirect ? "light transport and indirect light"
+                     : "light transport",
+          bytes, add_caches, &caches);
 }
 
 /* ---- Stored paths ---- */
@@ -189,9 +192,7 @@ static enum err load_paths(const struct relight_keep *k, struct cache_reader *r,
     }
     if (!e && p->caustics)
         e = cache_reader_find(r, sections[2], &k->key, why);
-    if (!e && p->caustics)
-        e = caustic_store_load(p->caustics, r, why);
-    return e || !p->caustics ? e : cache_reader_end(r, why);
+    return e || !p->caustics ? e : caustic_store_load(p->caustics, r, why);
 }
 
 bool relight_keep_load_paths(struct relight_keep *k, const struct prepared_scene *set, bool behind,
@@ -243,13 +244,9 @@ static void add_paths(const void *context, struct cache_writer *w)
 void relight_keep_save_paths(struct relight_keep *k, const struct relight_paths *p)
 {
     const struct kept_paths all = { k, p };
-    struct reason why = { "" };
     uint64_t bytes = p->caustics ? caustic_store_stats(p->caustics)->bytes : 0;
 
     for (int i = 0; i < 2; i++)
         bytes += p->behind[i] ? eye_store_stats(p->behind[i])->bytes : 0;
-    if (!k->place.path[0] || k->unwritable || !cache_share_takes_all(k->share))
-        return;
-    if (!store(k, bytes, add_paths, &all, &why))
-        log_info("caustics: kept in %s", k->place.path);
+    store(k, "caustics", bytes, add_paths, &all);
 }

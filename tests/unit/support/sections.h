@@ -11,7 +11,7 @@
 
 struct section {
     uint8_t *bytes, *file;
-    size_t size;
+    size_t size, file_size;
     size_t spoiled; /* where a byte is wrong, */
     uint8_t was;    /* and what it was */
 };
@@ -49,7 +49,7 @@ static struct cache_reader *section_open(const uint8_t *file, size_t size)
 /* What `save` writes of an object. */
 static inline struct section section_of(const void *object, void (*save)(const void *, struct cache_writer *))
 {
-    struct section s = { NULL, NULL, 0, 0, 0 };
+    struct section s = { NULL, NULL, 0, 0, 0, 0 };
     struct reason why;
     size_t size;
     uint8_t *file = section_file(object, 0, save, &size), byte;
@@ -69,11 +69,9 @@ static inline struct section section_of(const void *object, void (*save)(const v
 /* A reader at the section's start; valid until the next one. */
 static inline struct cache_reader *section_read(struct section *s)
 {
-    size_t size;
-
     mem_free(s->file);
-    s->file = section_file(s->bytes, s->size, NULL, &size);
-    return section_open(s->file, size);
+    s->file = section_file(s->bytes, s->size, NULL, &s->file_size);
+    return section_open(s->file, s->file_size);
 }
 
 /* Changes one byte, in half of the cases near the start, where numbers of things are. */

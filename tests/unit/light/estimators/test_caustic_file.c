@@ -76,6 +76,19 @@ static void a_file_holds_light_paths(void **state)
         section_mend(&section);
     }
     assert_true(refused > 20);
+    /* damage that only the checksum tells leaves the store empty, and its next turn traces all */
+    struct cache_reader *r = section_read(&section);
+    struct reason why;
+    again = empty_store(&x);
+    section.file[section.file_size - 1] ^= 1;
+    assert_int_equal(caustic_store_load(again, r, &why), ERR_FORMAT);
+    cache_reader_close(r);
+    assert_int_equal(caustic_store_stats(again)->filled, 0);
+    assert_int_equal(caustic_store_turn(again, 0, NULL, NULL), ERR_OK);
+    memset(after, 0, sizeof(after));
+    assert_int_equal(caustic_store_light(again, e, INFINITY, after), ERR_OK);
+    assert_memory_equal(before, after, sizeof(before));
+    caustic_store_destroy(again);
     section_free(&section);
     caustic_store_destroy(s);
     environment_destroy(e);
