@@ -18,11 +18,12 @@
 #define TOLERANCE 0.035 /* of a block's compression, relative; see docs/internals/transport-cache.md */
 #define FLOOR 0.03f     /* share of a block's mean light; darker points are weighted as if they had this much */
 #define BATCH 32u       /* groups */
-#define MATTE_SHARE 16u /* of a point's rays one in so many is traced where many points are alike, if it is matte, */
-#define LOBE_SHARE 4u   /* or if it has a lobe: only its matte part is averaged with theirs */
-#define FIRST_LEAST 12u /* if these are as many */
-#define TOGETHER 8.0f   /* times a point's most rays: those of all points whose light is averaged with its own */
-#define LOBE_MOST 2u    /* of the most rays of a point one in so many is traced if it has a lobe, of each kind */
+#define OPEN_UNIT 1e6f  /* of sums of direct light */
+#define FIRST_SHARE 32u /* of a point's most rays by the matte part one in so many is traced by every point, */
+#define FIRST_LEAST 8u  /* but so many at least */
+#define LOBE_SHARE 2u   /* points with lobes, such as most of leaves, trace one in so many by each part, by a lobe */
+#define LOBE_WHOLE 0.35 /* that reflects this share of their light or more; */
+#define LOBE_LEAST 12.0 /* so many at least */
 
 /* A shade point with its BRDF, whose parts are rows (light/cache_direct/internal.h). */
 struct point {
@@ -77,83 +78,79 @@ static void add_light(const struct gatherer *g, uint32_t record, float weight, f
         to[i] += weight * light[i];
 }
 
-/* Adds the ends of one ray: rows[r] += weight[r] * ends. */
-static void take_ends(const struct gatherer *g, const double weight[TRANSPORT_ROWS], uint32_t rows, size_t stride,
-                      float *out, bool cells)
-{
-    const struct indirect_build *b = g->build;
-    const uint32_t k = b->b->basis.count, records = b->records.count;
-
-    for (uint32_t i = 0; i < g->ends.count; i++) {
-        const struct indirect_end *e = &g->ends.at[i];
-        for (uint32_t r = 0; r < rows; r++) {
-            const float w[3] = { (float)(weight[r] * (double)e->weight[0]), (float)(weight[r] * (double)e->weight[1]),
-                                 (float)(weight[r] * (double)e->weight[2]) };
-            float *to = out + r * stride;
-            if (!cells)
-                indirect_kernels_of(b->b->kernels)->add(to, b->sources + (size_t)e->source * 3 * k, w, k);
-            else if (e->source >= records)
-                to[e->source - records] += rgb_luminance(w[0], w[1], w[2]);
-            else
-                add_light(g, e->source, rgb_luminance(w[0], w[1], w[2]), to);
-        }
-    }
-}
-
-/* Of a point's `rays` rays by the matte part, and as many by the lobe if it has one, those traced now: from the
- * first-th of each kind to the one before the until-th. */
+/* Some of a point's rays, by the matte part of its BRDF or by its lobe. */
 struct turn {
-    uint32_t rays, first, until;
+    bool lobe;
+    uint32_t first, until; /* those traced now */
+    uint32_t all;          /* that the part has */
 };
 
-/* Chooses the i-th ray's direction, by the matte part (part 0) or the lobe (1), and its rows over the density of both.
- * False: it brings nothing. */
-static bool aim_ray(const struct gatherer *g, const struct point *p, uint64_t seed, const struct turn *turn, int part,
-                    uint32_t i, struct vec3 *w, double row[TRANSPORT_ROWS])
+/* Chooses the i-th ray's direction and the rows of its part of the BRDF over the density, 0 in the others. False: it
+ * brings nothing. */
+static bool aim_ray(const struct gatherer *g, const struct point *p, uint64_t seed, const struct turn *turn, uint32_t i,
+                    struct vec3 *w, double row[TRANSPORT_ROWS])
 {
     const struct indirect_spot spot = { .geometric = p->own.geometric, .shading = p->own.shading };
     double x[3] = { 0.0 };
     float unused;
 
     for (int c = 0; c < 2; c++)
-        x[1 + c] = rng_unit((uint64_t)(g->build->numbers[part][i][c] * 0x1p53) << 11 ^ rng_mix(seed, (uint64_t)c));
-    if (part == 0)
-        indirect_leave(&spot, x + 1, w, &unused);
-    else
+        x[1 + c] =
+            rng_unit((uint64_t)(g->build->numbers[turn->lobe][i][c] * 0x1p53) << 11 ^ rng_mix(seed, (uint64_t)c));
+    if (turn->lobe)
         *w = lobe_sample(&p->own, p->wo, x);
+    else
+        indirect_leave(&spot, x + 1, w, &unused);
     if (!rows_at(p, *w, row))
         return false;
-    double density = turn->rays * fmax(0.0, (double)vec3_dot(p->own.shading, *w)) / PI;
-    if (p->rows > 1)
-        density += turn->rays * lobe_density(&p->own, p->wo, *w);
+    const double density =
+        turn->lobe ? lobe_density(&p->own, p->wo, *w) : fmax(0.0, (double)vec3_dot(p->own.shading, *w)) / PI;
     for (int r = 0; r < TRANSPORT_ROWS; r++)
-        row[r] /= density;
+        row[r] = turn->lobe == (r > 0) ? row[r] / (density * turn->all) : 0.0;
     return density > 0.0;
 }
 
-/* Traces a turn of a point's rays, combined by the balance heuristic. Adds to the rows at `out`, stride floats apart,
- * and to open[row] the direct light of a sky of radiance 1. Returns the sum of one over the distance of the matte
- * part's hits, m^-1. */
+/* Adds the ends of a ray to a row, times weight. */
+static void take_ends(const struct gatherer *g, double weight, float *to, bool cells)
+{
+    const struct indirect_build *b = g->build;
+    const uint32_t k = b->b->basis.count, records = b->records.count;
+
+    for (uint32_t i = 0; i < g->ends.count; i++) {
+        const struct indirect_end *e = &g->ends.at[i];
+        const float w[3] = { (float)(weight * (double)e->weight[0]), (float)(weight * (double)e->weight[1]),
+                             (float)(weight * (double)e->weight[2]) };
+        if (!cells)
+            indirect_kernels_of(b->b->kernels)->add(to, b->sources + (size_t)e->source * 3 * k, w, k);
+        else if (e->source >= records)
+            to[e->source - records] += rgb_luminance(w[0], w[1], w[2]);
+        else
+            add_light(g, e->source, rgb_luminance(w[0], w[1], w[2]), to);
+    }
+}
+
+/* Traces a turn of a point's rays. Adds to the rows at `out`, stride floats apart, and to open[row] the direct light of
+ * a sky of radiance 1. Returns the sum of one over the distance of the hits, m^-1. */
 static double gather_point(struct gatherer *g, const struct point *p, uint64_t seed, const struct turn *turn,
                            float *out, size_t stride, bool cells, float open[TRANSPORT_ROWS])
 {
-    struct rng rng = { rng_mix(seed, 2 + turn->first) };
+    struct rng rng = { rng_mix(seed, 2 + 2 * (uint64_t)turn->first + turn->lobe) };
     double near = 0.0;
 
     precedence_give_way(g->build->desc->urgent);
-    for (int part = 0; part < (p->rows > 1 ? 2 : 1); part++)
-        for (uint32_t i = turn->first; i < turn->until; i++) {
-            double row[TRANSPORT_ROWS];
-            struct vec3 w;
-            if (!aim_ray(g, p, seed, turn, part, i, &w, row))
-                continue;
-            g->ends.count = 0;
-            const float t = indirect_walk(&g->world, p->at, w, &rng, &g->ends);
-            near += part == 0 ? 1.0 / fmax((double)t, 1e-6) : 0.0;
-            for (int r = 0; r < TRANSPORT_ROWS; r++)
-                open[r] += isinf(t) ? (float)row[r] : 0.0f;
-            take_ends(g, row, p->rows, stride, out, cells);
+    for (uint32_t i = turn->first; i < turn->until; i++) {
+        double row[TRANSPORT_ROWS];
+        struct vec3 w;
+        if (!aim_ray(g, p, seed, turn, i, &w, row))
+            continue;
+        g->ends.count = 0;
+        const float t = indirect_walk(&g->world, p->at, w, &rng, &g->ends);
+        near += 1.0 / fmax((double)t, 1e-6);
+        for (uint32_t r = turn->lobe ? 1 : 0; r < (turn->lobe ? p->rows : 1); r++) {
+            open[r] += isinf(t) ? (float)row[r] : 0.0f;
+            take_ends(g, row[r], out + r * stride, cells);
         }
+    }
     return near;
 }
 
@@ -196,32 +193,35 @@ static bool basis_point(const struct indirect_build *b, uint32_t i, struct point
 enum err indirect_make_basis(struct indirect_build *b)
 {
     const uint32_t rows = b->effort->basis_points + b->effort->basis_records;
-    const struct turn turn = { b->effort->basis_rays, 0, b->effort->basis_rays };
+    const uint32_t n = b->effort->basis_rays;
     float *m = mem_alloc((size_t)rows * SKY_CELLS, sizeof(*m));
     enum err e = m ? ERR_OK : ERR_NOMEM;
-    uint64_t rays = 0;
+    uint64_t rays = 0, open = 0; /* whole numbers add up to the same in any order */
     int failed = 0;
 
     if (e)
         return e;
-#pragma omp parallel reduction(+ : rays, failed)
+#pragma omp parallel reduction(+ : rays, open, failed)
     {
         struct gatherer g;
         gatherer_init(&g, b);
 #pragma omp for schedule(dynamic, 8)
         for (uint32_t i = 0; i < rows; i++) {
             struct point p;
-            float unused[TRANSPORT_ROWS] = { 0.0f };
+            float direct[TRANSPORT_ROWS] = { 0.0f };
             if (!is_cancelled(b->desc->cancel) &&
                 basis_point(b, i, &p)) /* all rows of a point's BRDF share a row of the matrix */
-                gather_point(&g, &p, rng_mix(rng_mix(b->desc->seed, 3), i), &turn, m + (size_t)i * SKY_CELLS, 0, true,
-                             unused);
+                for (uint32_t part = 0; part < (p.rows > 1 ? 2 : 1); part++)
+                    gather_point(&g, &p, rng_mix(rng_mix(b->desc->seed, 3), i), &(struct turn){ part > 0, 0, n, n },
+                                 m + (size_t)i * SKY_CELLS, 0, true, direct);
+            open += i < b->effort->basis_points ? (uint64_t)(OPEN_UNIT * direct[0]) : 0;
         }
         rays += g.ends.rays;
         failed += g.ends.failed;
         mem_free(g.ends.at);
     }
     b->rays += rays;
+    b->open = (double)open / (OPEN_UNIT * b->effort->basis_points);
     if (failed)
         e = ERR_NOMEM;
     if (!e && !is_cancelled(b->desc->cancel))
@@ -238,7 +238,7 @@ struct bench { /* per thread */
     float *smooth;                                     /* [INDIRECT_GROUP_POINTS][3 K]: the matte row, smoothed */
     float open[INDIRECT_GROUP_POINTS][TRANSPORT_ROWS]; /* direct light of a sky of radiance 1 */
     double near[INDIRECT_GROUP_POINTS];                /* sum of one over the distance of hits, m^-1 */
-    uint32_t rays[INDIRECT_GROUP_POINTS];              /* of each kind, that a point traces */
+    uint32_t rays[INDIRECT_GROUP_POINTS];              /* of the matte part */
     struct indirect_smoother *smoother;
     struct indirect_workspace *workspace;
 };
@@ -275,31 +275,32 @@ static void fill_scales(const struct indirect_build *b, const struct bench *w, c
             scale[r][p] = mean > 0.0f ? fmaxf(scale[r][p] / fmaxf(whole[p], FLOOR * mean), 1e-3f) : 1.0f;
 }
 
-/* The rays that every point of a block traces. */
-static uint32_t first_rays(const struct indirect_build *b, const struct indirect_block *block)
+/* The matte part's rays that every point traces. */
+static uint32_t first_rays(const struct indirect_build *b)
 {
-    const uint32_t few = b->gather / (block->rows == 1 ? MATTE_SHARE : LOBE_SHARE);
+    const uint32_t few = b->gather / FIRST_SHARE;
 
-    return few >= FIRST_LEAST ? few : b->gather;
+    return few > FIRST_LEAST ? few : FIRST_LEAST;
 }
 
 static void gather_turn(const struct indirect_build *b, struct bench *w, const struct indirect_block *block,
-                        uint32_t at, uint32_t first, uint32_t until)
+                        uint32_t at, const struct turn *turn)
 {
     const uint32_t i = at % TRANSPORT_POINTS, packet = block->first + i / PACKET, l = i % PACKET;
     const size_t wide = 3 * (size_t)b->b->basis.count, stride = INDIRECT_GROUP_POINTS * wide;
     const struct point point = point_of(&b->b->gbuffer->packets[packet], l, block->rows);
-    const struct turn turn = { b->gather, first, until };
     const uint64_t seed = rng_mix(rng_mix(b->desc->seed, 4), (uint64_t)packet * PACKET + l);
 
     const double near =
-        gather_point(&w->gatherer, &point, seed, &turn, w->matrix + at * wide, stride, false, w->open[at]);
+        gather_point(&w->gatherer, &point, seed, turn, w->matrix + at * wide, stride, false, w->open[at]);
+    if (turn->lobe)
+        return;
     w->near[at] += near;
-    w->smoother->near[at] = (float)(until / fmax(w->near[at], 1e-12));
+    w->smoother->near[at] = (float)(turn->until / fmax(w->near[at], 1e-12));
 }
 
-static void gather_block(const struct indirect_build *b, struct bench *w, const struct indirect_block *block,
-                         uint32_t slot)
+static void begin_block(const struct indirect_build *b, struct bench *w, const struct indirect_block *block,
+                        uint32_t slot)
 {
     const size_t wide = 3 * (size_t)b->b->basis.count, stride = INDIRECT_GROUP_POINTS * wide;
     struct indirect_smoother *s = w->smoother;
@@ -319,42 +320,55 @@ static void gather_block(const struct indirect_build *b, struct bench *w, const 
             s->at[c][at] = place[c];
             s->normal[c][at] = normal[c];
         }
-        gather_turn(b, w, block, at, 0, first_rays(b, block));
+        gather_turn(b, w, block, at, &(struct turn){ false, 0, first_rays(b), b->gather });
     }
 }
 
-/* The rays that a block's point needs if so many points are alike, itself included. */
-static uint32_t rays_among(const struct indirect_build *b, const struct indirect_block *block, float alike)
+/* The matte part's rays that a point needs if so many points are alike, itself included, whose light is averaged. Of a
+ * number of rays the noise summed over all points is least if a point's are in proportion to 1 / sqrt(alike). */
+static uint32_t matte_rays(const struct indirect_build *b, const struct indirect_block *block, float alike)
 {
-    const uint32_t first = first_rays(b, block), most = block->rows == 1 ? b->gather : b->gather / LOBE_MOST;
-    const uint32_t wanted = (uint32_t)fminf(TOGETHER * (float)b->gather / fmaxf(alike, 1.0f), (float)most);
+    const uint32_t most = block->rows == 1 ? b->gather : b->gather / LOBE_SHARE, first = first_rays(b);
+    const uint32_t wanted = (uint32_t)fminf((float)b->gather / sqrtf(fmaxf(alike, 1.0f)), (float)most);
 
     return wanted > first ? wanted : first;
 }
 
-/* The noise of a point's light is that of all points whose light is averaged with its own: those with few such points
- * trace more rays. Its first ones count for all. */
+/* The lobe's rays that a point needs: their noise, which is averaged with no other point's, counts by the lobe's share
+ * of the light that the point reflects. */
+static uint32_t lobe_rays(const struct indirect_build *b, const struct indirect_block *block, uint32_t i)
+{
+    const struct shade_packet *packet = &b->b->gbuffer->packets[block->first + i / PACKET];
+    const struct lobe lobe = lobe_of_lane(packet, i % PACKET);
+    const struct vec3 wo = point_of(packet, i % PACKET, block->rows).wo;
+    const double most = fmax(b->gather / LOBE_SHARE, FIRST_LEAST);
+
+    if (block->rows == 1 || !lobe_shines(packet, i % PACKET))
+        return 0;
+    const double share = lobe_shine(&lobe, wo) / lobe_albedo(&lobe, wo) / LOBE_WHOLE;
+    return (uint32_t)fmin(fmax(share * share * most, fmin(LOBE_LEAST, most)), most);
+}
+
+/* Traces the other rays; each of the matte part counts as much as the first ones. */
 static void gather_rest(const struct indirect_build *b, struct bench *w, const struct indirect_group *g)
 {
-    const size_t wide = 3 * (size_t)b->b->basis.count, stride = INDIRECT_GROUP_POINTS * wide;
-    const uint32_t points = g->count * TRANSPORT_POINTS, reach = b->effort->reach;
+    const size_t wide = 3 * (size_t)b->b->basis.count;
+    const uint32_t points = g->count * TRANSPORT_POINTS, few = first_rays(b);
 
     for (uint32_t at = 0; at < points; at++)
         if (w->smoother->used[at])
-            w->rays[at] = rays_among(b, &b->b->blocks[g->first + at / TRANSPORT_POINTS],
-                                     indirect_alike(w->smoother, g->count, reach, at));
+            w->rays[at] = matte_rays(b, &b->b->blocks[g->first + at / TRANSPORT_POINTS],
+                                     indirect_alike(w->smoother, g->count, b->effort->reach, at));
     for (uint32_t at = 0; at < points; at++) {
         const struct indirect_block *block = &b->b->blocks[g->first + at / TRANSPORT_POINTS];
-        const uint32_t few = first_rays(b, block);
         if (!w->smoother->used[at])
             continue;
-        if (w->rays[at] > few)
-            gather_turn(b, w, block, at, few, w->rays[at]);
+        gather_turn(b, w, block, at, &(struct turn){ false, few, w->rays[at], b->gather });
         const float scale = (float)b->gather / (float)w->rays[at];
-        for (uint32_t r = 0; r < block->rows && w->rays[at] < b->gather; r++) {
-            cblas_sscal((int)wide, scale, w->matrix + r * stride + at * wide, 1);
-            w->open[at][r] *= scale;
-        }
+        cblas_sscal((int)wide, scale, w->matrix + at * wide, 1);
+        w->open[at][0] *= scale;
+        const uint32_t lobes = lobe_rays(b, block, at % TRANSPORT_POINTS);
+        gather_turn(b, w, block, at, &(struct turn){ true, 0, lobes, lobes });
     }
 }
 
@@ -366,7 +380,7 @@ static enum err gather_group(const struct indirect_build *b, struct bench *w, st
     enum err e = ERR_OK;
 
     for (uint32_t k = 0; k < g->count; k++)
-        gather_block(b, w, &blocks[k], k);
+        begin_block(b, w, &blocks[k], k);
     gather_rest(b, w, g);
     if (w->gatherer.ends.failed)
         return ERR_NOMEM;

@@ -71,9 +71,9 @@ struct indirect_stats {
 /* Number of progress steps that building takes. */
 uint64_t indirect_steps(const struct gbuffer *g);
 
-/* Builds the cache. desc->gbuffer and kernels are borrowed and must outlive *out, which the caller frees with
- * indirect_destroy. ERR_RANGE: max_bytes is too small. ERR_NOMEM. *out is NULL on an error and when cancelled;
- * cancellation returns ERR_OK. */
+/* Builds the cache; a quick one only if it suffices: without an error *out is NULL for rooms. desc->gbuffer and kernels
+ * are borrowed and must outlive *out, which the caller frees with indirect_destroy. ERR_RANGE: max_bytes is too small.
+ * ERR_NOMEM. *out is NULL on an error and when cancelled; cancellation returns ERR_OK. */
 MUST_CHECK enum err indirect_create(const struct indirect_desc *desc, const struct kernels *kernels,
                                     struct indirect_cache **out, struct reason *why);
 void indirect_destroy(struct indirect_cache *b); /* NULL is allowed */

@@ -243,6 +243,8 @@ struct indirect_build {
     double (*numbers[2])[2]; /* random numbers of a gather's rays: for the matte part, for the lobe */
     void (*widen)(const uint16_t *in, float *out, uint32_t n);
     uint32_t gather, most;   /* rays per point; maximum number of records */
+    double open;             /* mean direct light of matte shading points under a sky of radiance 1, 0..1 */
+    bool enclosed;           /* a quick cache would be useless: building ends */
     uint64_t rays, own_rays; /* of all processes' records and groups; of this one's */
 };
 
@@ -341,6 +343,6 @@ void indirect_smoother_destroy(struct indirect_smoother *s); /* NULL is allowed 
 void indirect_smooth(struct indirect_smoother *s, uint32_t blocks, uint32_t reach, uint32_t wide, const float *from,
                      float *to);
 
-/* The sum of the weights, 0..1, of all points that are averaged with point p, from a quarter of them; blocks and reach
- * as in indirect_smooth. */
+/* The sum of the weights, 0..1, of all points that are averaged with point p, its own 1 and those of a quarter of them;
+ * blocks and reach as in indirect_smooth. */
 float indirect_alike(const struct indirect_smoother *s, uint32_t blocks, uint32_t reach, uint32_t p);

@@ -17,7 +17,7 @@
 #define RECORDS_MOST 24000u
 #define PROBES 16u /* rays that search for surfaces, per record */
 #define BOUNCES_MOST 64u
-#define REST 3e-3 /* share of the energy that further bounces may have */
+#define REST 1e-3 /* share of the energy that further bounces may have: most of it is outdoors, rooms have more */
 
 /* ---- Places ---- */
 

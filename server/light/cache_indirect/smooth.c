@@ -51,11 +51,11 @@ static void find_reach(uint32_t b, uint32_t blocks, uint32_t reach, uint32_t *fi
 float indirect_alike(const struct indirect_smoother *s, uint32_t blocks, uint32_t reach, uint32_t p)
 {
     uint32_t first, until;
-    float sum = 0.0f;
+    float sum = 1.0f;
 
     find_reach(p / TRANSPORT_POINTS, blocks, reach, &first, &until);
     for (uint32_t q = first + p % 4; q < until; q += 4)
-        sum += 4.0f * likeness(s, p, q);
+        sum += q == p ? 0.0f : 4.0f * likeness(s, p, q);
     return sum;
 }
 

@@ -212,18 +212,19 @@ static void get_cache(struct decider *d, struct relighter *r, const struct frame
 
 /* From when on the cache makes images: once they are as good as those before. Under a moving sky these are the
  * denoised ones of that sky; under a still one their history is better than a rough cache. */
-static double enough_share(const struct decider *d, bool background, bool indirect, bool still)
+static double enough_share(const struct decider *d, bool background, bool indirect, bool whole)
 {
     if (!background || !(indirect || d->cache.error > COST_BIAS_COARSE))
         return 1.0;
-    return !indirect ? RELIGHT_COARSE : still ? RELIGHT_WHOLE : RELIGHT_DIRECT;
+    return !indirect ? RELIGHT_COARSE : whole ? RELIGHT_WHOLE : RELIGHT_DIRECT;
 }
 
 static void follow_cache(struct decider *d, struct relighter *r, const struct frame_request *request, bool still)
 {
     const struct relight_desc *light = request->asked;
     const atomic_bool *cancel = light->direct.cancel;
-    const double enough = enough_share(d, request->background, facts_of(r, light).indirect, still);
+    const double enough =
+        enough_share(d, request->background, facts_of(r, light).indirect, still || relighter_awaits_whole(r));
 
     d->cache.share = relighter_follow(r);
     d->cache.ready = d->cache.share >= enough && !(cancel && atomic_load(cancel));

@@ -74,6 +74,11 @@ double relighter_follow(struct relighter *r)
     return relight_cache_follow(&r->cache);
 }
 
+bool relighter_awaits_whole(const struct relighter *r)
+{
+    return r->cache.building && relight_builder_awaits_whole(r->cache.builder);
+}
+
 static struct denoiser *denoiser_of(struct relighter *r)
 {
     if (!r->denoiser)

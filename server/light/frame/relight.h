@@ -173,6 +173,9 @@ MUST_CHECK enum err relighter_prepare(struct relighter *r, const struct relight_
  * none, or it was refused; below 1: it is being computed; 1: it is complete, with indirect light. */
 double relighter_follow(struct relighter *r);
 
+/* Whether there is no rough indirect light (indirect.h), so that the cache makes images from RELIGHT_WHOLE on only. */
+bool relighter_awaits_whole(const struct relighter *r);
+
 /* Renders the set under e: rgb float[height][width][3], linear. ERR_NOMEM; ERR_UNSUPPORTED if the method needs another
  * environment layout; ERR_RANGE if its cache would exceed the memory limit. */
 MUST_CHECK enum err relighter_run(struct relighter *r, const struct environment *e, const struct relight_desc *desc,

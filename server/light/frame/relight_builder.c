@@ -37,6 +37,7 @@ struct relight_builder {
     bool wanted; /* indirect light is */
     struct progress progress[STAGES];
     atomic_bool ended[STAGES];
+    atomic_bool awaits_whole;            /* without a rough cache */
     struct indirect_cache *_Atomic next; /* not taken yet, or NULL */
     const struct indirect_cache *whole;  /* the frames' thread owns it */
     struct indirect_desc described;      /* of `whole` */
@@ -84,8 +85,12 @@ static void build_quick_indirect(struct relight_builder *b)
 
     d.quick = true;
     d.progress = &b->progress[QUICK];
-    if (indirect_create(&d, b->kernels, &made, &why) == ERR_OK && made)
+    const enum err e = indirect_create(&d, b->kernels, &made, &why);
+    atomic_store(&b->awaits_whole, !e && !made);
+    if (made)
         log_info("indirect light: a rough version is ready after %.1f s", clock_seconds() - start);
+    else if (!e && !is_cancelled(&b->cancelled))
+        log_info("indirect light: no rough version, because little of what is in view sees the sky");
     publish(b, made);
     atomic_store(&b->ended[QUICK], true);
 }
@@ -414,6 +419,11 @@ double relight_share(const struct relight_stages *s)
         share = RELIGHT_COARSE + (RELIGHT_DIRECT - RELIGHT_COARSE) * s->coarse +
                 (1.0 - RELIGHT_DIRECT) * (0.5 * s->whole + 0.5 * s->fine);
     return fmin(share, 0.99);
+}
+
+bool relight_builder_awaits_whole(const struct relight_builder *b)
+{
+    return atomic_load(&b->awaits_whole);
 }
 
 double relight_builder_share(const struct relight_builder *b)

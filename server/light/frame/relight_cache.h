@@ -284,3 +284,6 @@ double relight_share(const struct relight_stages *s);
 
 /* The computed share, 0 to 1; 1 only when complete. See relight.h for RELIGHT_COARSE and RELIGHT_DIRECT. */
 double relight_builder_share(const struct relight_builder *b);
+
+/* As relighter_awaits_whole. */
+bool relight_builder_awaits_whole(const struct relight_builder *b);

@@ -389,34 +389,36 @@ static void points_alike_are_those_near_that_face_the_same_way(void **state)
         want[0] += weight;
         want[1] += k < TRANSPORT_POINTS ? weight : 0.0;
     }
-    assert_true(fabs((double)whole / want[0] - 1.0) < 0.02 && fabs((double)near / want[1] - 1.0) < 0.02);
+    assert_true(fabs((double)whole / want[0] - 1.0) < 0.03 && fabs((double)near / want[1] - 1.0) < 0.06);
     for (uint32_t k = 0; k < POINTS; k++)
         s->near[k] = k == 0 ? 1.0f : 1e-4f;
-    assert_true(indirect_alike(s, BLOCKS, INDIRECT_GROUP, 0) < 5.0f); /* itself, counted for four */
+    assert_true(indirect_alike(s, BLOCKS, INDIRECT_GROUP, 0) == 1.0f); /* itself */
     indirect_smoother_destroy(s);
 }
 
-/* Points of large plain surfaces trace a sixteenth of their rays, or with a lobe a quarter. */
+/* Of 8 rays every point traces all; of 512 those of large plain surfaces trace few, and lobes that reflect little. */
 static void points_among_their_like_trace_fewer_rays(void **state)
 {
     struct lit x = lit_create(mixed_court(), 96, 54);
     struct transport *t = direct_of(&x);
     struct indirect_desc desc = desc_of(&x, t, 5);
-    static const uint32_t gather[3] = { 20, 40, 512 }; /* such parts of the first two would be too few */
-    double rays[3];
+    static const uint32_t gather[2] = { 8, 512 };
+    double rays[2], all = 0.0;
     struct indirect_cache *b;
     struct reason why;
     (void)state;
 
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 2; k++) {
         desc.gather = gather[k];
         assert_int_equal(indirect_create(&desc, best_kernels(), &b, &why), ERR_OK);
         rays[k] = (double)b->stats.rays;
         indirect_destroy(b);
     }
-    const double each = (rays[1] - rays[0]) / 20.0, share = (rays[2] - (rays[0] - 20.0 * each)) / (512.0 * each);
+    for (uint32_t i = 0; i < x.gbuffer->packet_count; i++)
+        all += x.gbuffer->packets[i].count * (lobe_rows((enum lobe_kind)x.gbuffer->packets[i].kind) > 1 ? 2.0 : 1.0);
+    const double share = (rays[1] - rays[0]) / (all * (512 - 8));
     printf("share of the rays %.3f\n", share);
-    assert_true(share > 0.25 && share < 0.9);
+    assert_true(share > 0.05 && share < 0.7);
     transport_destroy(t);
     lit_destroy(&x);
 }

@@ -167,15 +167,15 @@ static void a_point_is_averaged_by_its_neighbours_likeness(void **state)
         assert_near((double)to[200][c], 8.0, 1e-5); /* alone it stays what it is */
         assert_true(to[12][c] == 0.0f);
     }
-    assert_near((double)indirect_alike(s, BLOCKS, INDIRECT_GROUP, 10), 4.0 * (1.0 + 0.8),
-                1e-5); /* 10 and 70, of a quarter */
+    assert_near((double)indirect_alike(s, BLOCKS, INDIRECT_GROUP, 10), 1.0 + 4.0 * 0.8,
+                1e-5); /* 10, and of a quarter of the others 70 */
     s->near[70] = 0.5f;
-    assert_near((double)indirect_alike(s, BLOCKS, INDIRECT_GROUP, 10), 4.0 * (1.0 + 0.6), 1e-5);
+    assert_near((double)indirect_alike(s, BLOCKS, INDIRECT_GROUP, 10), 1.0 + 4.0 * 0.6, 1e-5);
     s->near[70] = 1.0f;
     s->normal[1][70] = 0.99f; /* 0.1 less for 1 - cos = 0.01 */
     s->normal[0][70] = 0.1410674f;
-    assert_near((double)indirect_alike(s, BLOCKS, INDIRECT_GROUP, 10), 4.0 * (1.0 + 1.0 - 0.16 / 0.3), 1e-4);
-    assert_near((double)indirect_alike(s, BLOCKS, 0, 10), 4.0, 1e-6); /* the next block is out of reach */
+    assert_near((double)indirect_alike(s, BLOCKS, INDIRECT_GROUP, 10), 1.0 + 4.0 * (1.0 - 0.16 / 0.3), 1e-4);
+    assert_near((double)indirect_alike(s, BLOCKS, 0, 10), 1.0, 1e-6); /* the next block is out of reach */
     indirect_smoother_destroy(s);
 }
 
