@@ -290,10 +290,13 @@ static void *build_main(void *arg)
         build_quick_indirect(b);
     if (!b->loaded)
         build_coarsely(b);
-    if (atomic_load(&b->computes) && !b->error)
+    const bool whole_first = atomic_load(&b->awaits_whole); /* then images wait for nothing else */
+    if (atomic_load(&b->computes) && !b->error && !whole_first)
         build_beside(b);
     if (indirect && !b->error && !is_cancelled(&b->cancelled))
         build_whole_indirect(b);
+    if (whole_first && !b->error)
+        build_beside(b);
     const struct transport *t = b->loaded ? b->loaded : build_direct(b);
     if (t)
         check_memory(b, t);

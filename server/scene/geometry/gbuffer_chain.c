@@ -3,12 +3,19 @@
 #include "scene/geometry/coverage.h"
 #include "scene/geometry/scatter_hit.h"
 
+#include "base/rng.h"
+
 #include <math.h>
 #include <string.h>
 
 /* Camera rays are traced until less than this share is left [docs/REFERENCES.md has no source: our choice]. */
 #define CUT 1e-3f
 #define RAYS_MAX 256u
+
+/* Branches lighter than this share of LEAF_LEAST stand for each other, like leaves (leaves_thin), so that glass before
+ * glass needs fewer rays. */
+#define FAINT 0.25
+#define RAYS_IN_PIXEL 16.0f /* at most; wider ones are at the image's corners */
 
 struct branch {
     struct vec3 origin, dir;
@@ -28,6 +35,7 @@ struct chain {
     uint32_t pending_count;
     double cut;
     float glow[3];
+    float faint, sum; /* weight below which branches stand for each other; of those since the last that was kept */
 };
 
 static float mean3(const float w[3])
@@ -167,6 +175,22 @@ static void add_glow(struct chain *c, const struct branch *b, struct vec3 emissi
     c->glow[2] += b->weight[2] * scale * emission.z;
 }
 
+/* False: others stand for this branch, which is faint. Else its weight is that of all it stands for. */
+static bool stands(struct chain *c, struct branch *b)
+{
+    const float weight = mean3(b->weight);
+
+    if (weight >= c->faint || weight <= 0.0f)
+        return true;
+    c->sum += weight;
+    if (c->sum < c->faint)
+        return false;
+    c->sum -= c->faint;
+    for (int k = 0; k < 3; k++)
+        b->weight[k] *= c->faint / weight;
+    return true;
+}
+
 /* The branch ends at a layer of the surface, continues, or both. */
 static void end_or_continue(struct chain *c, const struct branch *b, const struct hit *h, const struct scatter *at,
                             struct footprint *footprint, float coverage)
@@ -190,7 +214,8 @@ static void end_or_continue(struct chain *c, const struct branch *b, const struc
             next.ior = at->surface.outside ? at->ior : 1.0f;
         for (int k = 0; k < 3; k++)
             next.weight[k] *= at->weight * out[i].weight[k];
-        push(c, &next);
+        if (stands(c, &next))
+            push(c, &next);
     }
 }
 
@@ -224,6 +249,15 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
     return true;
 }
 
+/* A number in [0, 1) that depends on all bits of a direction. */
+static float start_of(struct vec3 dir)
+{
+    uint32_t bits[3];
+
+    memcpy(bits, &dir, sizeof(bits));
+    return (float)rng_unit(rng_mix(rng_mix((uint64_t)bits[0] << 32 | bits[1], bits[2]), 0x666e74u));
+}
+
 uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, float angle, bool glance,
                      struct leaf out[LEAF_MAX], struct sighting *found, struct sight_count *count)
 {
@@ -235,6 +269,8 @@ uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir,
     c.leaves = out;
     c.leaf_count = c.pending_count = 0;
     c.cut = 0.0;
+    c.faint = (float)(FAINT * LEAF_LEAST) * fminf(s->pixel_angle * s->pixel_angle / (angle * angle), RAYS_IN_PIXEL);
+    c.sum = c.faint * start_of(dir);
     c.glow[0] = c.glow[1] = c.glow[2] = 0.0f;
     found->uneven = false;
     struct branch camera = { .origin = origin, .dir = dir, .weight = { 1.0f, 1.0f, 1.0f }, .ior = 1.0f };

@@ -87,11 +87,12 @@ static void slab_of_glass_reflects_and_passes_what_fresnel_says(void **state)
     add_box(s, add_material(s, MATERIAL_GLASS, vec3_make(1, 1, 1), 1.5f), (const float[3]){ -1, -1, -0.1f },
             (const float[3]){ 1, 1, 0.1f });
     struct gbuffer *g = look(s, &r, &tele);
-    /* F = ((n - 1) / (n + 1))^2 = 0.04 at each side; all orders together pass (1 - F) / (1 + F) */
+    /* F = ((n - 1) / (n + 1))^2 = 0.04 at each side; all orders together pass (1 - F) / (1 + F). Faint ones stand for
+     * each other, each for 1/1024 of a pixel. */
     assert_float_equal(escaping(g, -1), 0.96f / 1.04f, 1e-3f);
     assert_float_equal(escaping(g, 1), 0.08f / 1.04f, 1e-3f);
-    assert_true(escaping(g, -1) + escaping(g, 1) <= 1.0f + 1e-6f);
-    assert_true(g->cut_weight > 0.0 && g->cut_weight / (16 * 16) < 1e-3);
+    assert_true(escaping(g, -1) + escaping(g, 1) <= 1.0f + 1e-3f);
+    assert_true(g->cut_weight / (16 * 16) < 1e-3);
     gbuffer_destroy(g);
     rays_destroy(r);
     scene_destroy(s);
@@ -108,8 +109,8 @@ static void tinted_glass_dims_what_passes_its_sides(void **state)
     add_box(s, add_material(s, MATERIAL_GLASS, vec3_make(0.5f, 0.5f, 0.5f), 1.5f), (const float[3]){ -1, -1, -0.1f },
             (const float[3]){ 1, 1, 0.1f });
     struct gbuffer *g = look(s, &r, &tele);
-    assert_float_equal(escaping(g, -1), tint * tint * enter, 1e-3f);
-    assert_float_equal(escaping(g, 1), f + tint * tint * f * enter, 1e-3f);
+    assert_float_equal(escaping(g, -1), tint * tint * enter, 3e-3f); /* faint branches stand for each other */
+    assert_float_equal(escaping(g, 1), f + tint * tint * f * enter, 3e-3f);
     gbuffer_destroy(g);
     rays_destroy(r);
     scene_destroy(s);

@@ -159,7 +159,7 @@ static void a_box_shades_the_floor_from_a_point_light(void **state)
 }
 
 /* A lamp is seen as bright as it is; in a mirror of reflectance 0.8, 0.8 times that; through a pane of glass by Fresnel
- * at normal incidence (1 - R) / (1 + R) = 12/13, R = 0.04, less what is cut off (gbuffer_chain.c). */
+ * at normal incidence (1 - R) / (1 + R) = 12/13, R = 0.04, within what faint branches add or take (gbuffer_chain.c). */
 static void a_lamp_is_seen_directly_in_a_mirror_and_through_glass(void **state)
 {
     static const float mirror_corners[4][3] = { { -1, -1, 0 }, { 1, -1, 0 }, { 1, 1, 0 }, { -1, 1, 0 } };
@@ -185,7 +185,7 @@ static void a_lamp_is_seen_directly_in_a_mirror_and_through_glass(void **state)
         lit_make(&l, s, &at[k], 4, 4, true);
         lit_render(&l, 1, 0, rgb);
         for (int i = 0; i < 3 * 16; i++)
-            assert_float_equal(rgb[i], expected[k], k == 2 ? 5e-3 : 1e-5);
+            assert_float_equal(rgb[i], expected[k], k == 2 ? 2e-2 : 1e-5);
         lit_finish(&l);
     }
 }
