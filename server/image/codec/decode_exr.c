@@ -5,6 +5,7 @@
 #include "image/codec/exr_dwa.h"
 #include "image/codec/exr_file.h"
 
+#include <ctype.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
@@ -236,32 +237,46 @@ static void name_layer(const char *part, const char *channel, size_t prefix, cha
     decode_printable(text, sizeof(text), out, FULL_NAME);
 }
 
-/* words: separated by commas, also at both ends. */
-static bool is_one_of(const char *name, const char *words)
+/* Whether a word of `words`, which commas separate and enclose, stands in the name: a short one by itself, a long one
+ * also as a part of another, as in beautyPass. */
+static bool has_word(const char *name, size_t length, const char *words)
 {
-    const size_t length = strlen(name);
-
-    for (const char *p = words; p[1]; p += 1 + strcspn(p + 1, ","))
-        if (strncasecmp(p + 1, name, length) == 0 && p[1 + length] == ',')
-            return true;
+    for (const char *w = words; w[1]; w += 1 + strcspn(w + 1, ",")) {
+        const size_t n = strcspn(w + 1, ",");
+        for (size_t i = 0; i + n <= length; i++) {
+            const bool alone = (i == 0 || !isalnum((unsigned char)name[i - 1])) &&
+                               (i + n == length || !isalnum((unsigned char)name[i + n]));
+            if ((alone || n >= 6) && strncasecmp(name + i, w + 1, n) == 0)
+                return true;
+        }
+    }
     return false;
 }
 
-/* What a renderer's layer of that name holds: 0 and 1 the image, 2 unknown, 3 a part of it or no light at all. Names of
- * Blender, V-Ray, Arnold, RenderMan, Redshift, Octane and Nuke. */
+/* What a renderer's layer of that name holds, by its last component before that of an eye: 0 and 1 the image, 2 perhaps
+ * the image, 3 unknown, 4 a part of it or no light at all. Names of Blender, V-Ray, Arnold, RenderMan, Redshift, Octane
+ * and Nuke. */
 static int rank_of(const char *name)
 {
-    static const char images[] = ",combined,beauty,rgb,rgba,color,colour,ci,c,composite,image,main,effectsresult,";
-    static const char others[] =
-        ",ao,ambient occlusion,ambientocclusion,occlusion,albedo,basecolor,diffcol,glosscol,transcol,normal,normals,n,"
-        "position,p,pref,uv,depth,z,zdepth,mist,shadow,shadows,matte,mask,alpha,id,indexob,indexma,vector,velocity,"
-        "motion,motionvector,variance,";
-    const char *dot = strrchr(name, '.'), *last = dot && dot[1] ? dot + 1 : name;
+    static const char *const words[] = {
+        ",combined,beauty,rgb,rgba,ci,composite,effectsresult,",
+        ",ao,occlusion,albedo,basecolor,diffcol,glosscol,transcol,normal,normals,n,position,p,pref,uv,depth,z,zdepth,"
+        "mist,shadow,shadows,matte,mask,alpha,id,indexob,indexma,vector,velocity,motion,motionvector,variance,crypto,"
+        "denoising,",
+        ",color,colour,c,image,main,final,render,",
+    };
+    size_t end = strlen(name);
 
-    if (!name[0] || is_one_of(last, images))
-        return name[0] != 0;
-    return is_one_of(last, others) || strncasecmp(last, "crypto", 6) == 0 || strncasecmp(last, "denois", 6) == 0 ? 3
-                                                                                                                 : 2;
+    if (end == 0)
+        return 0;
+    end -= end > 5 && strcasecmp(name + end - 5, ".left") == 0 ? 5 : 0;
+    end -= end > 6 && strcasecmp(name + end - 6, ".right") == 0 ? 6 : 0;
+    size_t begin = end;
+    while (begin > 0 && name[begin - 1] != '.')
+        begin--;
+    const char *last = name + begin;
+    const size_t n = end - begin;
+    return has_word(last, n, words[0]) ? 1 : has_word(last, n, words[1]) ? 4 : has_word(last, n, words[2]) ? 2 : 3;
 }
 
 /* The user's name for a layer: all of it, or what follows a dot. */

@@ -199,6 +199,7 @@ static enum err decode(struct png_file *f, struct image *im)
     e = cicp ? take_signal(f, cicp, im) : take_codes(f, im, &m);
     if (e)
         return e;
+    image_take_aspect(im, (double)png_get_pixel_aspect_ratio(f->png, f->info));
     if (png_get_eXIf_1(f->png, f->info, &exif_size, &exif))
         m.orientation = markers_orientation(exif, exif_size);
     e = markers_place(&m, im);

@@ -170,15 +170,20 @@ static enum err place_panorama(const struct markers *m, struct image *im)
     return image_place(im, w, h, lround(left * x), lround(top * y));
 }
 
+/* By its description. Profiles of the same colours without sRGB's curve have none or a power [ICC.1:2022, 10.6]. */
 static bool is_srgb(const struct marker *icc)
 {
+    const uint8_t *curve = find(icc->at, icc->size, "curv\0\0\0\0\0\0\0", 11);
+
+    if (curve && curve + 11 < icc->at + icc->size && curve[11] < 2)
+        return false;
     return find(icc->at, icc->size, "sRGB", 4) || find(icc->at, icc->size, "s\0R\0G\0B", 7);
 }
 
 enum err markers_place(const struct markers *m, struct image *im)
 {
     if (m->icc.at && !is_srgb(&m->icc))
-        image_note(im, "its ICC profile is ignored: it is read as sRGB");
+        image_note(im, "its ICC profile is ignored: it is read as sRGB, to which it is best converted");
     const enum err e = image_orient(im, m->orientation);
     return e ? e : place_panorama(m, im);
 }

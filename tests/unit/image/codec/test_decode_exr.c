@@ -17,10 +17,10 @@ static const struct made_channel float_rgba[] = {
     { "A", FLOAT }, { "B", FLOAT }, { "G", FLOAT }, { "R", FLOAT }, { NULL, HALF }
 };
 static const struct made_channel mixed[] = { { "A", UINT },  { "B", HALF },  { "G", FLOAT },    { "R", HALF },
-                                            { "Z", FLOAT }, { "id", UINT }, { "sky.R", HALF }, { NULL, HALF } };
+                                             { "Z", FLOAT }, { "id", UINT }, { "sky.R", HALF }, { NULL, HALF } };
 static const struct made_channel layered[] = { { "a.R", FLOAT },  { "sky.B", HALF }, { "sky.G", FLOAT },
-                                              { "sky.R", HALF }, { "sun.B", HALF }, { "sun.G", HALF },
-                                              { "sun.R", HALF }, { NULL, HALF } };
+                                               { "sky.R", HALF }, { "sun.B", HALF }, { "sun.G", HALF },
+                                               { "sun.R", HALF }, { NULL, HALF } };
 static const struct made_channel half_y[] = { { "A", HALF }, { "Y", HALF }, { NULL, HALF } };
 static const struct made_channel y_of_three[] = { { "B", HALF }, { "R", HALF }, { "Y", HALF }, { NULL, HALF } };
 static const struct made_channel float_y[] = { { "Y", FLOAT }, { NULL, HALF } };
@@ -389,24 +389,41 @@ static void check_layer(const struct exr_recipe *parts, int count, const char *w
 static void the_layer_that_is_named_like_an_image_is_read_and_the_choice_is_said(void **state)
 {
     static const struct made_channel blender[] = { { "V.AO.B", HALF },       { "V.AO.G", HALF },
-                                                  { "V.AO.R", HALF },       { "V.Combined.A", HALF },
-                                                  { "V.Combined.B", HALF }, { "V.Combined.G", HALF },
-                                                  { "V.Combined.R", HALF }, { NULL, HALF } };
-    static const struct made_channel arnold[] = { { "albedo.B", HALF },   { "albedo.G", HALF },   { "albedo.R", HALF },
-                                                 { "backdrop.B", HALF }, { "backdrop.G", HALF }, { "backdrop.R", HALF },
-                                                 { NULL, HALF } };
+                                                   { "V.AO.R", HALF },       { "V.Combined.A", HALF },
+                                                   { "V.Combined.B", HALF }, { "V.Combined.G", HALF },
+                                                   { "V.Combined.R", HALF }, { NULL, HALF } };
+    static const struct made_channel arnold[] = { { "albedo.B", HALF },   { "albedo.G", HALF },
+                                                  { "albedo.R", HALF },   { "backdrop.B", HALF },
+                                                  { "backdrop.G", HALF }, { "backdrop.R", HALF },
+                                                  { NULL, HALF } };
     static const struct made_channel root[] = { { "B", HALF },        { "G", HALF },        { "R", HALF },
-                                               { "beauty.B", HALF }, { "beauty.G", HALF }, { "beauty.R", HALF },
-                                               { NULL, HALF } };
-    static const struct made_channel words[] = { { "N.X", HALF },    { "N.Y", HALF },     { "N.Z", HALF },
-                                                { "c.blue", HALF }, { "c.green", HALF }, { "c.red", HALF },
+                                                { "beauty.B", HALF }, { "beauty.G", HALF }, { "beauty.R", HALF },
                                                 { NULL, HALF } };
+    static const struct made_channel words[] = { { "N.X", HALF },    { "N.Y", HALF },     { "N.Z", HALF },
+                                                 { "c.blue", HALF }, { "c.green", HALF }, { "c.red", HALF },
+                                                 { NULL, HALF } };
+    static const struct made_channel eyes[] = { { "V.AO.left.B", HALF },
+                                                { "V.AO.left.G", HALF },
+                                                { "V.AO.left.R", HALF },
+                                                { "V.Combined.left.B", HALF },
+                                                { "V.Combined.left.G", HALF },
+                                                { "V.Combined.left.R", HALF },
+                                                { NULL, HALF } };
+    static const struct made_channel joined[] = { { "Ambient_Occlusion.B", HALF },
+                                                  { "Ambient_Occlusion.G", HALF },
+                                                  { "Ambient_Occlusion.R", HALF },
+                                                  { "beautyPass.B", HALF },
+                                                  { "beautyPass.G", HALF },
+                                                  { "beautyPass.R", HALF },
+                                                  { NULL, HALF } };
     static const struct made_channel vray[] = { { ".B", HALF }, { ".G", HALF }, { ".R", HALF }, { NULL, HALF } };
     const struct exr_recipe rows[] = { { .channels = blender, .width = 4, .height = 2, .value = channel_value },
                                        { .channels = arnold, .width = 4, .height = 2, .value = channel_value },
                                        { .channels = root, .width = 4, .height = 2, .value = channel_value },
                                        { .channels = words, .width = 4, .height = 2, .value = channel_value },
-                                       { .channels = vray, .width = 4, .height = 2, .value = channel_value } };
+                                       { .channels = vray, .width = 4, .height = 2, .value = channel_value },
+                                       { .channels = eyes, .width = 4, .height = 2, .value = channel_value },
+                                       { .channels = joined, .width = 4, .height = 2, .value = channel_value } };
     const struct exr_recipe parts[] = {
         { .channels = half_rgb, .name = "ao", .width = 4, .height = 2, .value = even_value },
         { .channels = half_rgba, .name = "beauty", .width = 4, .height = 2, .value = channel_value },
@@ -421,6 +438,8 @@ static void the_layer_that_is_named_like_an_image_is_read_and_the_choice_is_said
     check_layer(&rows[2], 1, "beauty", 5, NULL);
     check_layer(&rows[3], 1, NULL, 5, NULL);
     check_layer(&rows[4], 1, NULL, 2, NULL);
+    check_layer(&rows[5], 1, NULL, 5, "layer V.Combined.left");
+    check_layer(&rows[6], 1, NULL, 5, "layer beautyPass");
     check_layer(parts, 2, NULL, 3, "layer beauty is read, of ao, beauty");
     check_layer(parts, 1, NULL, 3, NULL); /* a single part, by even_value */
 }

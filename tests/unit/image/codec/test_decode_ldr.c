@@ -383,7 +383,25 @@ struct png_recipe {
     bool srgb;
     const uint8_t *cicp;
     uint8_t orientation; /* 0: none */
+    const char *profile; /* what ICC profile to give it, by the text it has, or NULL */
+    char curve;          /* of the profile: 0 linear, 1 a power, 2 other */
+    bool narrow;         /* texels half as wide as high */
 };
+
+/* As much of a profile as libpng wants to see: a description and a curve. */
+static void set_profile(png_structp png, png_infop info, const struct png_recipe *r)
+{
+    uint8_t icc[192] = { 0, 0, 0, 192, [8] = 2, [12] = 'm', 'n', 't', 'r', 'R', 'G', 'B', ' ', 'X', 'Y', 'Z', ' ' };
+    static const uint8_t d50[12] = { 0, 0, 0xf6, 0xd6, 0, 1, 0, 0, 0, 0, 0xd3, 0x2d };
+
+    memcpy(icc + 36, "acsp", 4);
+    memcpy(icc + 68, d50, 12);
+    memcpy(icc + 144, r->profile, strlen(r->profile));
+    memcpy(icc + 170, "curv\0\0\0\0\0\0", 10);
+    icc[180] = r->curve > 1 ? 4 : 0; /* 1024 entries */
+    icc[181] = r->curve > 1 ? 0 : (uint8_t)r->curve;
+    png_set_iCCP(png, info, "a name without which libpng finds the chunk too short to be one", 0, icc, sizeof(icc));
+}
 
 /* 2 x 1 texels; samples as PNG stores them. */
 static void write_png(const struct png_recipe *r, const uint8_t *samples, struct buffer *b)
@@ -401,6 +419,10 @@ static void write_png(const struct png_recipe *r, const uint8_t *samples, struct
         png_set_gAMA(png, info, r->gamma);
     if (r->srgb)
         png_set_sRGB(png, info, 0);
+    if (r->profile)
+        set_profile(png, info, r);
+    if (r->narrow)
+        png_set_pHYs(png, info, 2, 1, PNG_RESOLUTION_UNKNOWN);
     if (r->orientation)
         png_set_eXIf_1(png, info, (png_uint_32)make_exif(exif, r->orientation, true), exif);
     if (r->cicp) {
@@ -413,6 +435,45 @@ static void write_png(const struct png_recipe *r, const uint8_t *samples, struct
     png_write_row(png, samples);
     png_write_end(png, info);
     png_destroy_write_struct(&png, &info);
+}
+
+/* Programs name sRGB also where a profile has its colours alone. */
+static void a_profile_other_than_srgb_is_named(void **state)
+{
+    static const struct {
+        const char *profile;
+        char curve;
+        bool named;
+    } rows[] = {
+        { "sRGB IEC61966-2.1", 2, false }, { "sRGB built-in", 2, false },      { "Display P3", 2, true },
+        { "linear sRGB", 0, true },        { "sRGB with gamma 1.8", 1, true }, { "Adobe RGB (1998)", 1, true }
+    };
+    static const uint8_t rgb[6] = { 200, 40, 90, 8, 160, 250 };
+    struct image im = { 0 };
+    struct buffer b;
+    (void)state;
+
+    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
+        write_png(&(struct png_recipe){ PNG_COLOR_TYPE_RGB, 8, .profile = rows[i].profile, .curve = rows[i].curve },
+                  rgb, &b);
+        decode(b.bytes, b.size, &im);
+        if ((strstr(im.note, "its ICC profile is ignored") != NULL) != rows[i].named)
+            fail_msg("%s: '%s'", rows[i].profile, im.note);
+    }
+    image_finish(&im);
+}
+
+static void the_shape_of_a_pngs_texels_is_named(void **state)
+{
+    static const uint8_t rgb[6] = { 200, 40, 90, 8, 160, 250 };
+    struct image im = { 0 };
+    struct buffer b;
+    (void)state;
+
+    write_png(&(struct png_recipe){ PNG_COLOR_TYPE_RGB, 8, .narrow = true }, rgb, &b);
+    decode(b.bytes, b.size, &im);
+    assert_string_equal(im.note, "the shape of its pixels, 0.5:1, is ignored");
+    image_finish(&im);
 }
 
 /* 16 bits are the same light as 8: by sRGB's curve, whatever the alpha. */
@@ -498,6 +559,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_part_of_a_panorama_lies_where_it_says),
     cmocka_unit_test(a_jpeg_with_a_gain_map_is_hdr),
     cmocka_unit_test(a_png_of_16_bits_is_light_as_one_of_8_is),
+    cmocka_unit_test(a_profile_other_than_srgb_is_named),
+    cmocka_unit_test(the_shape_of_a_pngs_texels_is_named),
     cmocka_unit_test(a_png_by_pq_is_hdr_with_203_candelas_at_white),
     cmocka_unit_test(an_exif_orientation_turns_a_png_upright),
     cmocka_unit_test(other_formats_are_refused_by_their_names),
