@@ -443,6 +443,16 @@ static enum err read_checked(const struct model_desc *d, struct bytes *out, stru
     return e ? fault(d, why, e, "%s", cause.text) : ERR_OK;
 }
 
+static bool mtl_defines(const char *names, const char *name)
+{
+    const size_t length = strlen(name);
+
+    for (const char *p = names; p && *p; p = strchr(p, '\n') ? strchr(p, '\n') + 1 : NULL)
+        if (strncmp(p, name, length) == 0 && p[length] == '\n')
+            return true;
+    return false;
+}
+
 /* What an OBJ model lacks of its materials is grey. Where the scene file defines materials, a name of its own is
  * misspelt. */
 static enum err check_grey(const struct import *in, const struct assimp_files *files)
@@ -479,7 +489,7 @@ static enum err read_text(const struct model_desc *d, struct bytes *out, double 
 
     enum err e = read_checked(d, out, why);
     if (!e && path_ends_in(d->path, ".obj"))
-        e = obj_text(out, d->normals != NORMALS_FLAT, origin);
+        e = obj_text(out, d->path, d->normals != NORMALS_FLAT, origin, why);
     memcpy(shift + 12, origin, sizeof(origin));
     matrix_multiply(d->transform, shift, start);
     return e;

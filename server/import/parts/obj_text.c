@@ -1,8 +1,9 @@
 /* OBJ and MTL files as exporters write them, brought into the form that Assimp reads without loss. It takes a byte
  * order mark, indentation, a comment behind a statement or a coordinate such as .5 for something else, ignores
- * smoothing groups, and keeps coordinates as floats. All else passes to the letter. */
+ * smoothing groups, keeps coordinates as floats, and takes other statements for points and lines. */
 #include "import/parts/obj_text.h"
 
+#include "base/log.h"
 #include "base/mem.h"
 
 #include <math.h>
@@ -67,6 +68,21 @@ struct lines {
 static bool is_blank(char c)
 {
     return c == ' ' || c == '\t' || c == '\0' || c == '\v' || c == '\f';
+}
+
+/* UTF-16 as bytes; what is not ASCII becomes '?'. */
+static void narrow(struct bytes *b)
+{
+    const bool little = b->size >= 2 && memcmp(b->at, "\xff\xfe", 2) == 0;
+    size_t n = 0;
+
+    if (!little && !(b->size >= 2 && memcmp(b->at, "\xfe\xff", 2) == 0))
+        return;
+    for (size_t i = 2; i + 1 < b->size; i += 2) {
+        const uint8_t low = b->at[i + !little], high = b->at[i + little];
+        b->at[n++] = high || low > 127 ? '?' : low;
+    }
+    b->size = n;
 }
 
 static struct lines lines_of(const struct bytes *b)
@@ -167,6 +183,9 @@ struct obj {
     size_t table_size; /* a power of two */
     size_t normals;    /* of the file, so far */
     uint32_t group;    /* 0: off */
+    size_t total;      /* vertices of the file */
+    struct word wrong; /* a corner that names no vertex; size 0: none so far */
+    size_t curves;     /* free-form statements */
     bool failed;
 };
 
@@ -218,16 +237,16 @@ static void take_group(struct obj *o, struct word *line)
 }
 
 /* The parts of a corner such as 1/2/3, 1//3 or 1/2; 0: not given. */
-static void split_corner(const struct word *w, long out[3], struct word parts[3])
+static void split_corner(const struct word *w, long out[3])
 {
     const char *p = w->at, *end = p + w->size;
 
     for (int k = 0; k < 3; k++) {
         const char *slash = memchr(p, '/', (size_t)(end - p));
         const char *stop = slash && k < 2 ? slash : end;
-        parts[k] = (struct word){ p, (size_t)(stop - p) };
         double v = 0.0;
-        out[k] = number_of(&parts[k], &v) && fabs(v) < 2e9 ? (long)v : 0;
+        const struct word part = { p, (size_t)(stop - p) };
+        out[k] = number_of(&part, &v) && fabs(v) < 2e9 && v == floor(v) ? (long)v : 0;
         p = stop < end ? stop + 1 : end;
     }
 }
@@ -247,9 +266,8 @@ static size_t bare_corners(const struct obj *o, struct word line, size_t out[COR
     size_t count = 0;
 
     for (struct word w = next_word(&line); w.size > 0; w = next_word(&line)) {
-        struct word parts[3];
         long index[3];
-        split_corner(&w, index, parts);
+        split_corner(&w, index);
         if (index[2] != 0 || count == CORNERS_MAX || !vertex_of(o, index[0], &out[count++]))
             return 0;
     }
@@ -293,7 +311,7 @@ static void take_vertex(struct obj *o, struct word *line)
     }
 }
 
-/* The first pass: the origin, and the normals of the groups. Without groups only as far as the first vertex. */
+/* The first pass: the origin, the vertices and the normals of the groups. */
 static void look(struct obj *o, const struct bytes *in, bool smooth)
 {
     struct lines lines = lines_of(in);
@@ -301,42 +319,39 @@ static void look(struct obj *o, const struct bytes *in, bool smooth)
 
     while (!o->failed && next_line(&lines, &line)) {
         const struct word key = next_word(&line);
-        if (is(&key, "s"))
+        if (smooth && is(&key, "s"))
             take_group(o, &line);
         else if (is(&key, "f"))
             smooth_face(o, &line);
         else if (is(&key, "v"))
             take_vertex(o, &line);
-        if (o->vertices == 3 && is(&key, "v"))
-            for (int k = 0; k < 3; k++)
-                o->origin[k] = fabs(o->positions[k]) >= FAR ? round(o->positions[k]) : 0.0;
-        if (o->vertices == 3 && !smooth)
-            return;
     }
+    for (size_t k = 0; k < 3 && k < o->vertices; k++)
+        o->origin[k] = fabs(o->positions[k]) >= FAR ? round(o->positions[k]) : 0.0;
 }
 
 /* ---- The second pass ---- */
 
-static void put_vertex(struct obj *o, struct word *line)
+static void put_vertex(struct obj *o, struct word *line, bool is_position)
 {
     struct word w = next_word(line);
     double v;
 
     for (int k = 0; w.size > 0; k++, w = next_word(line))
-        if (k < 3 && o->origin[k] != 0.0 && number_of(&w, &v))
+        if (is_position && k < 3 && o->origin[k] != 0.0 && number_of(&w, &v))
             put_format(&o->text, " %.9g", v - o->origin[k]);
         else
             put_number(&o->text, &w);
 }
 
 /* A corner whose normal has index n in the file as it is written; 0: none. */
-static void put_corner(struct obj *o, const struct word parts[3], size_t n)
+static void put_corner(struct obj *o, const long index[3], size_t n)
 {
-    put(&o->text, " ", 1);
-    put(&o->text, parts[0].at, parts[0].size);
-    if (parts[1].size > 0 || n > 0)
+    put_format(&o->text, " %ld", index[0]);
+    if (index[1] != 0)
+        put_format(&o->text, "/%ld", index[1]);
+    else if (n > 0)
         put(&o->text, "/", 1);
-    put(&o->text, parts[1].at, parts[1].size);
     if (n > 0)
         put_format(&o->text, "/%zu", n);
 }
@@ -346,19 +361,22 @@ static void put_face(struct obj *o, struct word *line)
 {
     size_t corners[CORNERS_MAX];
     const bool bare = o->group && o->smooth_count > 0 && bare_corners(o, *line, corners) > 0;
-    struct word parts[3], w = next_word(line);
+    struct word w = next_word(line);
     long index[3];
 
     for (size_t k = 0; w.size > 0; k++, w = next_word(line)) {
-        split_corner(&w, index, parts);
+        split_corner(&w, index);
+        const size_t most = index[0] > 0 ? o->total : o->vertices / 3;
+        if (o->wrong.size == 0 && (index[0] == 0 || (size_t)labs(index[0]) > most))
+            o->wrong = w;
         if (bare)
-            put_corner(o, parts, (size_t)(smooth_at(o, corners[k]) - o->smooth) + 1);
+            put_corner(o, index, (size_t)(smooth_at(o, corners[k]) - o->smooth) + 1);
         else if (index[2] > 0)
-            put_corner(o, parts, (size_t)index[2] + o->smooth_count);
+            put_corner(o, index, (size_t)index[2] + o->smooth_count);
         else if (index[2] < 0 && (size_t)-index[2] <= o->normals)
-            put_corner(o, parts, o->normals + 1 - (size_t)-index[2] + o->smooth_count);
+            put_corner(o, index, o->normals + 1 - (size_t)-index[2] + o->smooth_count);
         else
-            put_corner(o, parts, 0);
+            put_corner(o, index, 0);
     }
 }
 
@@ -371,58 +389,75 @@ static void put_smooth(struct obj *o)
     }
 }
 
+/* Names of libraries, which may hold blanks: each ends in .mtl or the line; quotes are no part of them. */
+static void put_libraries(struct text *t, const struct word *line)
+{
+    const char *p = line->at, *end = p + line->size;
+
+    while (p < end && *p != '#') {
+        const char *stop = p;
+        while (stop < end && *stop != '"' &&
+               !(is_blank(*stop) && (stop == p || (stop - p > 4 && strncasecmp(stop - 4, ".mtl", 4) == 0))))
+            stop++;
+        if (stop > p) {
+            put(t, "mtllib ", 7);
+            put(t, p, (size_t)(stop - p));
+            put(t, "\n", 1);
+        }
+        p = stop + (stop < end);
+    }
+}
+
 static void put_line(struct obj *o, struct word line)
 {
     const struct word whole = line, key = next_word(&line);
 
     if (key.size == 0)
         return;
-    if (is(&key, "v") || is(&key, "vt") || is(&key, "vn") || is(&key, "f") || is(&key, "l") || is(&key, "p")) {
+    if (is(&key, "f")) {
+        put(&o->text, "f", 1);
+        put_face(o, &line);
+        put(&o->text, "\n", 1);
+    } else if (is(&key, "v") || is(&key, "vt") || is(&key, "vn")) {
         put(&o->text, key.at, key.size);
-        if (is(&key, "f"))
-            put_face(o, &line);
-        else if (is(&key, "v"))
-            put_vertex(o, &line);
-        else
-            for (struct word w = next_word(&line); w.size > 0; w = next_word(&line))
-                put_number(&o->text, &w);
-        o->vertices += is(&key, "v") ? 3 : 0;
+        put_vertex(o, &line, key.size == 1);
+        o->vertices += key.size == 1 ? 3 : 0;
         o->normals += is(&key, "vn");
-    } else {
-        if (is(&key, "s"))
-            take_group(o, &line);
+        put(&o->text, "\n", 1);
+    } else if (is(&key, "s")) {
+        take_group(o, &line);
+    } else if (is(&key, "mtllib")) {
+        put_libraries(&o->text, &line);
+    } else if (is(&key, "g") || is(&key, "o") || is(&key, "usemtl")) {
         put(&o->text, whole.at, whole.size);
+        put(&o->text, "\n", 1);
+    } else {
+        o->curves += is(&key, "curv") || is(&key, "curv2") || is(&key, "surf");
     }
-    put(&o->text, "\n", 1);
 }
 
-/* Whether a line begins with this key and something other than "off". */
-static bool has_groups(const struct bytes *in)
+static enum err refuse_corner(const struct obj *o, const struct bytes *file, const char *name, struct reason *why)
 {
-    struct lines lines = lines_of(in);
-    struct word line;
-    struct obj o = { .group = 0 };
+    const int size = (int)(o->wrong.size < 40 ? o->wrong.size : 40);
+    size_t number = 1;
 
-    while (!o.group && next_line(&lines, &line)) {
-        if (line.size < 2 || (line.at[0] != 's' && line.at[0] != 'S') || !is_blank(line.at[1]))
-            continue;
-        (void)next_word(&line);
-        take_group(&o, &line);
-    }
-    return o.group > 0;
+    for (const char *p = (const char *)file->at; p < o->wrong.at; p++)
+        number += *p == '\n' || (*p == '\r' && p[1] != '\n');
+    return err_say(why, ERR_FORMAT,
+                   "%s: line %zu: '%.*s' is no corner of a face: expected the number of a vertex, 1 to %zu, or "
+                   "negative numbers of those before",
+                   name, number, size, o->wrong.at, o->total);
 }
 
-enum err obj_text(struct bytes *file, bool smooth, double origin[3])
+enum err obj_text(struct bytes *file, const char *name, bool smooth, double origin[3], struct reason *why)
 {
     struct obj o = { .failed = false };
-    struct lines lines = lines_of(file);
     struct word line;
 
-    for (int k = 0; k < 3; k++)
-        origin[k] = 0.0;
-    if (file->size >= 2 && (memcmp(file->at, "\xff\xfe", 2) == 0 || memcmp(file->at, "\xfe\xff", 2) == 0))
-        return ERR_OK; /* UTF-16, which Assimp converts */
-    look(&o, file, smooth && has_groups(file));
+    narrow(file);
+    struct lines lines = lines_of(file);
+    look(&o, file, smooth);
+    o.total = o.vertices / 3;
     o.group = 0;
     o.vertices = 0;
     put_smooth(&o);
@@ -431,10 +466,13 @@ enum err obj_text(struct bytes *file, bool smooth, double origin[3])
     mem_free(o.positions);
     mem_free(o.smooth);
     mem_free(o.table);
-    if (o.failed || o.text.failed) {
+    if (o.failed || o.text.failed || o.wrong.size > 0) {
         mem_free(o.text.out.at);
-        return ERR_NOMEM;
+        return o.failed || o.text.failed ? err_say(why, ERR_NOMEM, "%s: out of memory", name)
+                                         : refuse_corner(&o, file, name, why);
     }
+    if (o.curves > 0)
+        log_warning("%s: %zu free-form curves or surfaces are left out: export them as polygons", name, o.curves);
     bytes_finish(file);
     *file = o.text.out;
     memcpy(origin, o.origin, sizeof(o.origin));
@@ -522,6 +560,7 @@ static void put_values(struct text *t, bool colour, struct word line)
 
 enum err mtl_text(struct bytes *file, char **names)
 {
+    narrow(file);
     struct lines lines = lines_of(file);
     struct text out = { .failed = false }, defined = { .failed = false };
     struct word line;
@@ -556,14 +595,4 @@ enum err mtl_text(struct bytes *file, char **names)
     bytes_finish(file);
     *file = out.out;
     return ERR_OK;
-}
-
-bool mtl_defines(const char *names, const char *name)
-{
-    const size_t length = strlen(name);
-
-    for (const char *p = names; p && *p; p = strchr(p, '\n') ? strchr(p, '\n') + 1 : NULL)
-        if (strncmp(p, name, length) == 0 && p[length] == '\n')
-            return true;
-    return false;
 }

@@ -9,6 +9,7 @@
 
 #define TRIANGLE "v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\n"
 #define FACE "f 1/1 2/2 3/3\n"
+#define RED "newmtl m\nKd 1 0 0\n"
 
 /* The material that an OBJ triangle gets from this text of its MTL file, `newmtl m` being given. */
 static struct material material_of(const char *mtl)
@@ -396,87 +397,6 @@ static void other_formats_are_refused_with_what_to_do(void **state)
 
 /* ---- What exporters write ---- */
 
-static struct scene *scene_of(const char *obj)
-{
-    struct folder f;
-
-    folder_make(&f);
-    struct scene *s = load_or_fail(folder_text(&f, "m.obj", obj));
-    folder_remove(&f);
-    return s;
-}
-
-/* The area of all triangles, and the extent of their box. */
-static double area_of(const struct scene *s)
-{
-    double area = 0.0;
-
-    for (size_t m = 0; m < s->mesh_count; m++)
-        for (size_t t = 0; t < s->meshes[m].triangle_count; t++) {
-            const float *p[3];
-            for (int k = 0; k < 3; k++)
-                p[k] = s->meshes[m].positions + 3 * (size_t)s->meshes[m].indices[3 * t + (size_t)k];
-            const struct vec3 a = vec3_make(p[1][0] - p[0][0], p[1][1] - p[0][1], p[1][2] - p[0][2]);
-            const struct vec3 b = vec3_make(p[2][0] - p[0][0], p[2][1] - p[0][1], p[2][2] - p[0][2]);
-            area += 0.5 * (double)vec3_length(vec3_cross(a, b));
-        }
-    return area;
-}
-
-static void an_obj_is_a_square_however_it_is_written(void **state)
-{
-    static const char *const squares[] = {
-        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n",
-        "v -.5 -.5 0\nv .5 -.5 0\nv .5 .5 0\nv -.5 .5 0\nv 9 9 9\nv 8 8 8\nf 1 2 3 4\n",
-        "v 0 0 0 # one\nv +1 0 0\nv 1. 1 0\nv 0 1 0\n# all\nf 1 2 3 4 # the square\n",
-        "  v 0 0 0\n\tv 1 0 0\n  v 1 1 0\n  v 0 1 0\n\t f\t1 2  3 4  \n",
-        "\xef\xbb\xbfv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n",
-        "v 0 0 0\r\nv 1 0 0\r\nv 1 1 0\r\nv 0 1 0\r\nf 1// 2// 3// 4//\r\n",
-        "v 0 0 0\rv 1 0 0\rv 1 1 0\rv 0 1 0\rf -4 -3 -2 -1\r",
-        "v 0 0 \\\n 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 \\\r\n 3 4",
-        "vn 0 0 1\ns 1\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1//1 2//1 3//-1\nf 1 3 4\n",
-        "v 500000.25 4000000.5 3\nv 500001.25 4000000.5 3\nv 500001.25 4000001.5 3\nv 500000.25 4000001.5 3\nf 1 2 3 "
-        "4\n",
-    };
-    (void)state;
-
-    for (size_t i = 0; i < sizeof(squares) / sizeof(squares[0]); i++) {
-        struct scene *s = scene_of(squares[i]);
-        const double area = area_of(s);
-        if (fabs(area - 1.0) > 1e-6)
-            fail_msg("square %zu has an area of %g", i, area);
-        scene_destroy(s);
-    }
-}
-
-/* A roof of two faces: in one group they share normals at the ridge, in two or in none they have their own. */
-static void smoothing_groups_are_normals(void **state)
-{
-#define ROOF "v 0 0 0\nv 0 0 1\nv 1 1 0\nv 1 1 1\nv 2 0 0\nv 2 0 1\n"
-    static const struct {
-        const char *obj;
-        bool normals, shared;
-    } rows[] = { { ROOF "s 1\nf 1 2 4 3\nf 3 4 6 5\n", true, true },
-                 { ROOF "s on\nf 1 2 4 3\nf 3 4 6 5\n", true, true },
-                 { ROOF "s 1\nf 1 2 4 3\ns 2\nf 3 4 6 5\n", true, false },
-                 { ROOF "s off\nf 1 2 4 3\nf 3 4 6 5\n", false, false },
-                 { ROOF "s 0\nf 1 2 4 3\nf 3 4 6 5\n", false, false },
-                 { ROOF "f 1 2 4 3\nf 3 4 6 5\n", false, false } };
-    (void)state;
-
-    for (size_t i = 0; i < 6; i++) {
-        struct scene *s = scene_of(rows[i].obj);
-        const struct mesh *m = &s->meshes[0];
-        assert_int_equal(m->normals != NULL, rows[i].normals);
-        for (size_t v = 0; m->normals && v < m->vertex_count; v++) {
-            const float *p = m->positions + 3 * v, *n = m->normals + 3 * v;
-            if (p[1] == 1.0f && (fabsf(n[0]) < 1e-6f) != rows[i].shared) /* at the ridge: straight up */
-                fail_msg("row %zu: a normal of %g %g %g", i, (double)n[0], (double)n[1], (double)n[2]);
-        }
-        scene_destroy(s);
-    }
-}
-
 static void an_mtl_is_read_however_it_is_written(void **state)
 {
     (void)state;
@@ -531,13 +451,37 @@ static void images_are_found_by_names_that_other_systems_write(void **state)
     folder_remove(&f);
 }
 
+static void libraries_are_found_however_they_are_written(void **state)
+{
+    static const char *const names[] = { "m.mtl",        "gone.mtl m.mtl",  "m.mtl gone.mtl",
+                                         "\"my m.mtl\"", "my m.mtl # mine", "my m.mtl\tgone.mtl" };
+    char obj[300];
+    struct folder f;
+    (void)state;
+
+    folder_make(&f);
+    folder_text(&f, "m.mtl", RED);
+    folder_text(&f, "my m.mtl", RED);
+    for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++) {
+        snprintf(obj, sizeof(obj), "mtllib %s\n" TRIANGLE "usemtl m\n" FACE, names[i]);
+        log_begin();
+        struct scene *s = load_or_fail(folder_text(&f, "o.obj", obj));
+        const char *said = log_end();
+        if (said[0])
+            fail_msg("'%s': %s", names[i], said);
+        assert_colour(s->materials[s->meshes[0].material].diffuse, 1.0f, 0.0f, 0.0f);
+        scene_destroy(s);
+    }
+    folder_remove(&f);
+}
+
 static void a_material_that_no_mtl_defines_is_named(void **state)
 {
     struct folder f;
     (void)state;
 
     folder_make(&f);
-    folder_text(&f, "m.mtl", "newmtl m\nKd 1 0 0\n");
+    folder_text(&f, "m.mtl", RED);
     log_begin();
     scene_destroy(load_or_fail(
         folder_text(&f, "m.obj", "mtllib m.mtl\n" TRIANGLE "usemtl m\n" FACE "usemtl gone\nf 1/1 3/3 2/2\n")));
@@ -548,8 +492,7 @@ static void a_material_that_no_mtl_defines_is_named(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(an_obj_is_a_square_however_it_is_written),
-    cmocka_unit_test(smoothing_groups_are_normals),
+    cmocka_unit_test(libraries_are_found_however_they_are_written),
     cmocka_unit_test(an_mtl_is_read_however_it_is_written),
     cmocka_unit_test(images_are_found_by_names_that_other_systems_write),
     cmocka_unit_test(a_material_that_no_mtl_defines_is_named),

@@ -1,4 +1,5 @@
 unit_test(formats test_model)
+unit_test(formats test_obj)
 unit_test(formats test_json)
 unit_test(formats test_gltf PkgConfig::TURBOJPEG)
 unit_test(formats test_gltf_reader)
