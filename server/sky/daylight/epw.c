@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #define FILE_MAX ((size_t)64 << 20) /* bounds memory; a year of hours is 2 MB */
 #define FIELDS_MAX 64               /* bounds a table; a record has 35 */
@@ -142,14 +143,14 @@ static enum err take_header(char **text, struct line *l, struct epw *out, struct
     double n = 1.0;
     enum err e;
 
-    if (!next_line(text, l) || strcmp(l->fields[0], "LOCATION") != 0)
+    if (!next_line(text, l) || strcasecmp(l->fields[0], "LOCATION") != 0)
         return err_say(why, ERR_FORMAT,
                        "%s: line 1: expected LOCATION and the place; this is not an EnergyPlus weather file", l->file);
     e = take_location(l, out, why);
     while (!e) {
         if (!next_line(text, l))
             return err_say(why, ERR_FORMAT, "%s: line %u: the file ends before DATA PERIODS", l->file, l->number);
-        if (strcmp(l->fields[0], "DATA PERIODS") == 0)
+        if (strcasecmp(l->fields[0], "DATA PERIODS") == 0)
             break;
         if (l->number > 100)
             return err_say(why, ERR_FORMAT, "%s: no line DATA PERIODS among the first hundred", l->file);

@@ -204,8 +204,9 @@ enum err moments_choose(const struct epw *w, const struct moments_desc *desc, co
     struct epw year = *w;
 
     *out = (struct moments){ .leap = drop_leap_days(&year, desc->leap_day) };
-    enum err e = year.count > 0 ? check_order(&year, name, why)
-                                : err_say(why, ERR_FORMAT, "%s: it has no weather except for 29 February", name);
+    enum err e = year.count > 0
+                     ? check_order(&year, name, why)
+                     : err_say(why, ERR_FORMAT, "%s: its only day is 29 February: choose it with days=02-29", name);
     if (!e && desc->leap_day && out->leap == 0)
         e = err_say(why, ERR_USAGE, "%s: days=02-29: the file has no 29 February", name);
     if (!e)

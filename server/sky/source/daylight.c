@@ -73,7 +73,7 @@ static enum err take_number(const char *scheme, const char *name, const char *va
     return ERR_OK;
 }
 
-static enum err take_day(const char *value, const char *text, size_t length, int *out, struct reason *why)
+static enum err take_day(const char *value, const char *text, size_t length, int *out, bool *leap, struct reason *why)
 {
     static const int days[12] = { 31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31 };
     int month = 0, day = 0, used = 0;
@@ -83,7 +83,8 @@ static enum err take_day(const char *value, const char *text, size_t length, int
     if (sscanf(one, "%2d-%2d%n", &month, &day, &used) != 2 || one[used] || month < 1 || month > 12 || day < 1 ||
         day > days[month - 1])
         return err_say(why, ERR_USAGE, "epw: days=%s: '%s' is not a date; expected MM-DD or MM-DD:MM-DD", value, one);
-    *out = day_of_year(month, day);
+    *out = day_of_year(month, day); /* 29 February is the 60th, as 1 March */
+    *leap = month == 2 && day == 29;
     return ERR_OK;
 }
 
@@ -91,16 +92,17 @@ static enum err take_days(struct moments_desc *c, const char *value, struct reas
 {
     const char *colon = strchr(value, ':');
     const size_t first = colon ? (size_t)(colon - value) : strlen(value);
+    bool from_leap = false, to_leap = false;
 
     if (strcmp(value, "all") == 0)
         return ERR_OK;
-    enum err e = take_day(value, value, first, &c->first_day, why); /* 29 February is the 60th, as 1 March */
+    enum err e = take_day(value, value, first, &c->first_day, &from_leap, why);
     c->last_day = c->first_day;
-    c->leap_day = !colon && strcmp(value, "02-29") == 0;
+    to_leap = from_leap;
     if (!e && colon)
-        e = take_day(value, colon + 1, strlen(colon + 1), &c->last_day, why);
-    if (!e && colon && strcmp(colon + 1, "02-29") == 0)
-        c->last_day--;
+        e = take_day(value, colon + 1, strlen(colon + 1), &c->last_day, &to_leap, why);
+    c->leap_day = from_leap && to_leap;
+    c->last_day -= to_leap && !from_leap;
     return e;
 }
 

@@ -141,6 +141,45 @@ static void north_turns_the_sky(void **state)
     unlink(path);
 }
 
+/* As many frames as the days have lit hours, and where the file has a 29 February, only its own range shows it. */
+static void a_29_february_is_chosen_by_its_date(void **state)
+{
+    static const struct {
+        const char *days, *first; /* moment */
+        size_t count;
+    } rows[] = { { "02-29", "29 February, 8:30", 8 },
+                 { "2-29", "29 February, 8:30", 8 },
+                 { "02-29:02-29", "29 February, 8:30", 8 },
+                 { "02-28:02-29", "28 February, 8:30", 8 },
+                 { "02-29:03-01", "1 March, 8:30", 8 },
+                 { "02-28:03-01", "28 February, 8:30", 16 },
+                 { "03-01", "1 March, 8:30", 8 } };
+    char path[] = "/tmp/test_daylight_leap.XXXXXX", line[200], name[40];
+    (void)state;
+
+    FILE *f = fdopen(mkstemp(path), "w");
+    assert_non_null(f);
+    fputs(WEATHER_HEADER, f);
+    for (int day = 28; day <= 30; day++)
+        for (int hour = 1; hour <= 24; hour++) {
+            const bool lit = hour > 8 && hour <= 16;
+            weather_record(line, sizeof(line), day < 30 ? 2 : 3, day < 30 ? day : 1, hour, lit ? "500" : "0",
+                           lit ? "100" : "0");
+            fputs(line, f);
+        }
+    fclose(f);
+    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
+        char spec[100];
+        snprintf(spec, sizeof(spec), "epw:%%s,size=64x32,days=%s", rows[i].days);
+        struct daylight *d = open_sky(spec, path);
+        moment_name(daylight_moment(d, 0), name, sizeof(name));
+        if (d->count != rows[i].count || strcmp(name, rows[i].first) != 0)
+            fail_msg("days=%s: %zu lit hours from %s", rows[i].days, d->count, name);
+        daylight_close(d);
+    }
+    unlink(path);
+}
+
 static void sources_step_through_the_lit_hours(void **state)
 {
     char path[64], spec[100];
@@ -308,6 +347,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(open_illuminance_is_the_files),
     cmocka_unit_test(standard_skies_have_the_illuminance_asked_for),
     cmocka_unit_test(north_turns_the_sky),
+    cmocka_unit_test(a_29_february_is_chosen_by_its_date),
     cmocka_unit_test(sources_step_through_the_lit_hours),
     cmocka_unit_test(matrices_are_read_as_gendaymtx_writes_them),
     cmocka_unit_test(a_matrix_may_have_a_sharp_sun),
