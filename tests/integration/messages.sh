@@ -31,6 +31,9 @@ flags_without_effect_are_reported() {
     expect 0 '--particles has no effect: with this --paths, --caustics' "${render[@]}" --paths all --caustics eye --particles 9
     expect 0 '--reinhart has no effect without' "${render[@]}" --reinhart 2
     expect 0 '--audit has no effect without --stats' "${render[@]}" --audit 1
+    expect 0 '--quality has no effect: .png' "$bin/relight-render" "${small[@]}" --quality 40 --out "$work/x.png"
+    expect 0 '--luminance has no effect without' "${render[@]}" --luminance radiance
+    expect 0 '--sensors and --pictures have no effect without --annual' "${render[@]}" --pictures none
     expect 0 '--half has no effect' "$bin/relight-render" "${small[@]}" --half --out "$work/x.jpg"
     expect 0 '--samples is given more than once: the last one counts' "${render[@]}" --samples 2
     expect 0 '--threads 1000: this machine has [0-9]+ processors' "${render[@]}" --threads 1000

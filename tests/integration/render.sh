@@ -150,6 +150,26 @@ built_in_scene_and_sky_need_no_file() {
     grep -q '"rays"' "$work/stats.json" || fail "no statistics"
 }
 
+# A map says nothing of its sun: it is found, stated, and turned to where --sun-azimuth wants it.
+statistics_state_where_a_maps_sun_stands() {
+    "$bin/relight-feed" --out "$work/sun.exr" --frames 0 'sky:latitude=45,date=06-21,hour=10,size=256x128'
+    local flags
+    for flags in '' '--rotate 40' '--sun-azimuth 200'; do
+        # shellcheck disable=SC2086
+        "$bin/relight-render" --source "$work/sun.exr" --size 16x9 --samples 1 --paths direct --out "$work/sun.png" --stats - \
+            $flags >"$work/sun.json"
+        python3 - "$work/sun.json" "$flags" <<'PY'
+import json, sys
+sun = json.load(open(sys.argv[1]))[0]["sun"]
+# The sun's place by its declination of 23.44 degrees; a texel is 1.4 degrees.
+azimuth = {"": 121.4, "--rotate 40": None, "--sun-azimuth 200": 200.0}[sys.argv[2]]
+assert abs(sun["elevation"] - 57.5) < 2.0, sun
+assert azimuth is None or abs(sun["azimuth"] - azimuth) < 2.0, sun
+assert azimuth is not None or abs(abs(sun["azimuth"] - 121.4) - 40.0) < 2.0, sun
+PY
+    done
+}
+
 # Frames 4 to 6 have the bytes that they have among 0 to 6, in every format and, in one, by several methods and exposures.
 # Fixed exposure, and following it, which depends on the frames before.
 a_frame_does_not_depend_on_the_frames_selected() {
