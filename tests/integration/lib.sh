@@ -106,9 +106,10 @@ JSON
 begin_jobs() {
     command -v mpirun >/dev/null || { echo "skipped: no mpirun"; exit 77; }
     export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 # in containers
+    export OMPI_MCA_orte_tmpdir_base="$work/mpi"                     # jobs at once would take a common folder from each other
     render=$bin/relight-render
     cd "$work"
-    mkdir one many
+    mkdir one many mpi
 }
 
 # job N ARGUMENT...: relight-render on N ranks.
