@@ -343,8 +343,8 @@ class Deadline:
 
 # ---- Honest clients, of a library by other people ----
 
-def connect(url):
-    return websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None, max_queue=None, ping_interval=None)
+def connect(url, **more):
+    return websockets.connect(url, subprotocols=["relight.v1"], compression=None, max_size=None, max_queue=None, ping_interval=None, **more)
 
 
 class Honest:

@@ -81,11 +81,13 @@ class Client:
 
     # ---- The socket ----
 
-    async def open(self, host, port):
+    async def open(self, host, port, source=None):
         """Not a transport of asyncio: after a reset by the server that would lose what had arrived before."""
         self.loop = asyncio.get_running_loop()
         self.socket = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
         self.socket.setblocking(False)
+        if source and host.startswith("127."):
+            self.socket.bind((source, 0))
         self.unsent = b""
         await self.loop.sock_connect(self.socket, (host, port))
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

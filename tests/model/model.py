@@ -4,8 +4,9 @@ beside them. usage:
     model.py [--seconds N] [--seed N] [--jobs N]     relightd of RELIGHT_BIN, with a computed sky and with frames of producers
     model.py --url ws://HOST:PORT/ws ...             any server; its pictures must come by themselves
     model.py --replay FILE [--url ...] [--producers] a printed script
-A finding is replayed alone, shortened and printed as a script. After each batch of runs the honest viewer gets pictures, descriptors
-and memory have returned, and the server lives. Exit code 1: a finding."""
+A finding is replayed alone, shortened and printed as a script. After each batch of runs two addresses lay siege to what all share
+(siege.py), and others get theirs all the same; then the honest viewer gets pictures, descriptors and memory have returned, and the
+server lives. Sieges by slow viewers need large pictures, so they have a server of their own from ten minutes on. Exit code 1: a finding."""
 
 import argparse
 import asyncio
@@ -26,16 +27,21 @@ sys.path[:0] = [str(HERE), str(HERE.parent / "faults"), str(HERE.parent / "integ
 if "--url" in sys.argv:
     os.environ.setdefault("RELIGHT_BIN", "/nonexistent")  # peer.py asks for it
 
+from websockets import WebSocketException  # noqa: E402
+
 from faults import SANITIZED, Failed, Producer, Relightd, Viewer, connect  # noqa: E402
 from peer import WAIT_S, until  # noqa: E402
-from peer import sky_files  # noqa: E402
+from peer import radiance, sky_files  # noqa: E402
 from client import Client, Finding  # noqa: E402
 from protocol import ENVIRONMENT, ENVIRONMENT_NAMES, ENVIRONMENT_STRUCT  # noqa: E402
-from script import write  # noqa: E402
+from script import write, write_siege  # noqa: E402
+from siege import Sluggard, Watcher, Weather, bounds, others, texels  # noqa: E402
 
 AGAIN_S = 5  # for an answer that has been missed before
 SHORT_S = 0.2  # for what may not come
 BATCH = 48  # runs between two looks at the server
+SLOW_S = 600  # sieges by slow viewers need so long a search
+SLOW_SIZE, SLOW_VIEWERS = "960x540", 40  # pictures of 6 MB: 21 viewers reach what they may hold together
 KIB_MOST = (256 if SANITIZED else 64) << 10  # memory that views, caches and skies of random settings may take after the first batches
 
 
@@ -48,15 +54,27 @@ class Run:
         self.stage = stage
         self.sent = self.received = self.pictures = self.pings = 0
         self.known_fates = {}
-        self.clients = {}
+        self.clients, self.beside = {}, {}
 
     async def play(self, steps):
         """Raises the first finding."""
+        async with contextlib.AsyncExitStack() as stack:
+            if self.stage.producing and any(step["do"] == "others" for step in steps):
+                await stack.enter_async_context(Weather(self.stage))
+            await self.play_steps(steps)
+
+    async def play_steps(self, steps):
         try:
             for step in steps:
                 client = self.clients.get(step["c"])
                 if step["do"] == "open":
-                    await self.open(step["c"])
+                    await self.open(step["c"], step.get("source"))
+                elif step["do"] in ("watch", "slow"):
+                    await self.open_beside(step)
+                elif step["do"] == "others":
+                    await self.look_at_others()
+                elif step["do"] == "leave" and step["c"] in self.beside:
+                    self.beside.pop(step["c"]).leave()
                 elif client:
                     await self.step(client, step)
                 for each in self.clients.values():
@@ -64,17 +82,45 @@ class Run:
                         raise each.finding
             for client in self.clients.values():
                 await client.settle(self.wait_s)
+            self.judge_beside()
         finally:
-            for client in self.clients.values():
+            for client in [*self.clients.values(), *self.beside.values()]:
                 client.leave()
 
-    async def open(self, name):
+    async def open_beside(self, step):
+        if step["c"] in self.beside:
+            self.beside[step["c"]].leave()
+        client = Watcher(self.stage, step["path"]) if step["do"] == "watch" else Sluggard(self.stage, step["format"])
+        self.beside[step["c"]] = client
+        try:
+            await client.open(step["source"])
+            if step["do"] == "slow":  # the next one begins another picture
+                await self.stage.viewer.sees(1)
+        except (OSError, asyncio.TimeoutError, Failed) as fault:
+            raise Finding("no connection beside", f"{step}: {fault}") from None
+
+    def judge_beside(self):
+        for client in self.beside.values():
+            if isinstance(client, Watcher) and client.wrong:
+                raise Finding("a wrong answer over HTTP", client.wrong)
+
+    async def look_at_others(self):
+        self.judge_beside()
+        held = sum(c.begun for c in self.beside.values() if isinstance(c, Sluggard))
+        try:
+            wrong = await others(self.stage) or await bounds(self.stage, held)
+        except (OSError, asyncio.TimeoutError, WebSocketException, Failed) as fault:
+            wrong = "others get nothing", f"{fault}"
+        if wrong:
+            raise Finding(*wrong)
+
+    async def open(self, name, source=None):
         if name in self.clients:
             self.clients[name].leave()
         host, _, port = self.host.rpartition(":")
         client = Client(self, f"client {name}")
         try:
-            await asyncio.wait_for(client.open(host.strip("[]"), int(port)), WAIT_S)
+            await asyncio.wait_for(client.open(host.strip("[]"), int(port), source), WAIT_S)
         except OSError as fault:
             raise Finding("no connection", str(fault)) from None
         self.clients[name] = client
@@ -124,7 +170,7 @@ def environment(client, step):
         width = height = channels = 0
         good = False
     else:
-        payload = (struct.pack("<e", 0.5) if encoding == 3 else struct.pack("<f", 0.5)) * (width * height * channels)
+        payload = texels(step.get("sky", "grey"), width * height, channels, "e" if encoding == 3 else "f")
         good = "layout" not in step
     fields = {"magic": b"RLE1", "header": 48, "encoding": encoding, "layout": step.get("layout", 0), "flags": step.get("flags", 0),
               "channels": channels, "zero": 0, "width": width, "height": height, "payload": len(payload), "number": number,
@@ -146,8 +192,11 @@ def environment(client, step):
 class Stage:
     """A server with an honest viewer."""
 
-    def __init__(self, name, producing, url=None, arguments=()):
-        self.name, self.producing, self.url, self.arguments = name, producing, url, arguments
+    def __init__(self, name, producing, url=None, slow=0):
+        """slow: large pictures, and sieges by so many viewers that do not read them; nothing else."""
+        self.name, self.producing, self.url, self.slow = name, producing, url, slow
+        self.arguments = ("--size", SLOW_SIZE, "--max-picture-seconds", "600") if slow else ()
+        self.kib_most = 4 * KIB_MOST if slow else KIB_MOST
         self.server = self.viewer = None
         self.batches = self.turn = 0
         self.kib = None
@@ -156,6 +205,9 @@ class Stage:
         if not self.url:
             self.folder = tempfile.TemporaryDirectory()
             source = "push:" if self.producing else sky_files(self.folder.name, 20)
+            for number, (value, exponent) in {3: (0, 0), 4: (0, 0), 8: (128, 255), 12: (128, 1)}.items() if not self.producing else ():
+                sky = radiance(value)[:-8] + bytes([value, value, value, exponent]) * 2
+                Path(source % number).write_bytes(sky)  # black, glaring, faint
             self.server = await Relightd("--fps", "60", "--max-picture-seconds", "1", "--rate", "30", "--method", "mis", *self.arguments, source=source,
                                          env={"ASAN_OPTIONS": "detect_leaks=0:quarantine_size_mb=4"}).__aenter__()
             self.url = self.server.url
@@ -175,7 +227,7 @@ class Stage:
             while status.get("op") != "status":
                 said = await link.recv()
                 status = json.loads(said) if isinstance(said, str) else {}
-        self.offered, self.offers = welcome["roles"], status.get("offers", {})
+        self.offered, self.offers, self.width = welcome["roles"], status.get("offers", {}), status.get("width", 0)
         cheap = [m for m in self.offers.get("methods", []) if m in ("auto", "mis", "brdf", "light", "faces", "uniform", "cached")]
         self.offers = {**self.offers, "methods": cheap or self.offers.get("methods", [])}
 
@@ -217,6 +269,12 @@ class Stage:
                 elif said.get("op") == "error":
                     raise Finding("the settings could not be restored", f"{said}")
 
+    async def measure(self):
+        """Before a siege."""
+        if self.server:
+            self.kib_before = self.server.memory_kib()
+            self.cut_before = (await self.server.counters()).get('relightd_limits_reached_total{limit="memory"}', 0)
+
     async def look(self, first=False):
         """After a batch: the server lives, the honest viewer gets pictures, memory and descriptors have returned."""
         self.batches += 1
@@ -248,7 +306,7 @@ class Stage:
         kib = self.server.memory_kib()
         if self.batches == 12:
             self.kib = kib
-        if self.kib and kib > self.kib + KIB_MOST:
+        if self.kib and kib > self.kib + self.kib_most:
             raise Finding("memory does not return", f"{kib} KiB, after the first batches {self.kib}")
 
 
@@ -305,7 +363,7 @@ async def revived(stage):
     if stage.server and (not stage.server.alive() or stage.ended()):
         await stage.viewer.__aexit__(None, None, None)
         await stage.server.stop(9)
-        fresh = Stage(stage.name, stage.producing, arguments=stage.arguments)
+        fresh = Stage(stage.name, stage.producing, slow=stage.slow)
         return await fresh.__aenter__()
     return stage
 
@@ -317,6 +375,7 @@ async def shorten(stage, steps, finding, totals, look):
         for _ in range(2):
             stage = await revived(stage)
             await stage.reset()
+            await stage.measure()
             if look and stage.server:  # what has not returned before is no sign
                 stage.descriptors, stage.kib = stage.server.descriptors(), None
             got = await finding_of(stage, candidate, totals, AGAIN_S)
@@ -352,7 +411,7 @@ async def shorten(stage, steps, finding, totals, look):
                 candidate = [*steps[:i], {**step, "text": json.dumps(less)}, *steps[i + 1:]]
                 if await shows(candidate):
                     steps, fields = candidate, less
-        for name in [n for n in step if n not in ("c", "do", "text", "hex", "number", "encoding", "file")]:
+        for name in [n for n in step if n not in ("c", "do", "text", "hex", "number", "encoding", "file", "path", "format", "source")]:
             candidate = [*steps[:i], {n: v for n, v in steps[i].items() if n != name}, *steps[i + 1:]]
             if await shows(candidate):
                 steps = candidate
@@ -361,7 +420,7 @@ async def shorten(stage, steps, finding, totals, look):
 
 def tell(stage, finding, steps, alone, seed):
     print(f"FINDING ({stage.name}, seed {seed}): {finding}")
-    print("script, for --replay" + (" --producers" if stage.producing else "") +
+    print("script, for --replay" + (" --producers" if stage.producing else " --slow" if stage.slow else "") +
           (":" if alone else " (not seen when it was played alone):"))
     print("[" + ",\n ".join(json.dumps(step) for step in steps) + "]", flush=True)
 
@@ -370,10 +429,16 @@ async def search(stage, options, totals, end):
     """Batches of runs until `end` or a finding here or elsewhere. Whether there was one here."""
     seeds = random.Random(options.seed * 2 + stage.producing)
     while time.monotonic() < end and not totals.found:
-        chosen = [seeds.getrandbits(48) for _ in range(BATCH)]
+        chosen = [seeds.getrandbits(48) for _ in range(0 if stage.slow else BATCH)]
         scripts = [write(seed, stage.offered, stage.offers, stage.producing) for seed in chosen]
         found = await batch(stage, scripts, totals, options.jobs)
         late = None
+        if not found:
+            chosen = [*chosen, seeds.getrandbits(48)]
+            scripts = [*scripts, write_siege(chosen[-1], stage.offered, stage.slow)]
+            await stage.reset()
+            await stage.measure()
+            found = [(len(scripts) - 1, finding) for _, finding in await batch(stage, scripts[-1:], totals, 1)]
         if not found:
             try:
                 await stage.look()
@@ -409,8 +474,11 @@ async def play(options):
         else:
             kinds = (True,) if options.producers else (False, True) if not options.replay else (False,)
             stages = [await stack.enter_async_context(Stage("producers" if p else "files", p)) for p in kinds]
+            if options.slow or not options.replay and options.seconds >= SLOW_S:
+                stages.insert(0, await stack.enter_async_context(Stage("large pictures", False, slow=SLOW_VIEWERS)))
         if options.replay:
             steps = json.loads(Path(options.replay).read_text(encoding="utf-8"))
+            await stages[0].measure()
             finding = await finding_of(stages[0], steps, Totals())
             if not finding:
                 await stages[0].look()
@@ -428,6 +496,7 @@ def main():
     parser.add_argument("--jobs", type=int, default=8, help="runs at the same time")
     parser.add_argument("--url")
     parser.add_argument("--producers", action="store_true", help="the server takes frames")
+    parser.add_argument("--slow", action="store_true", help="also besiege a server of large pictures by slow viewers")
     parser.add_argument("--replay")
     options = parser.parse_args()
     print(f"seed {options.seed}", flush=True)

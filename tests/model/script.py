@@ -1,15 +1,18 @@
 """Random scripts: what one run's clients do, step by step, as JSON that can be printed, shortened and replayed.
 
 A step is {"c": client, "do": ..., ...}: open; text (text, or hex for bytes that are no UTF-8; pieces: sizes of fragments); frame
-(number, size, encoding, channels, layout, flags, bend: header fields that lie, cut: bytes left out, pieces); raw (hex); sync;
-credit and picture (wait shortly for one); leave (code, or none: reset). In texts "$LAST" stands for the last received picture's
-sequence, "$SEEN" for the largest; a frame's number is relative to the client's last one."""
+(number, size, encoding, channels, layout, flags, sky, bend: header fields that lie, cut: bytes left out, pieces); raw (hex); sync;
+credit and picture (wait shortly for one); leave (code, or none: reset); watch (path: a request over plain HTTP); slow (format: a
+viewer that stops reading within an image); others (everyone else gets what is theirs). open, watch and slow come from an address.
+In texts "$LAST" stands for the last received picture's sequence, "$SEEN" for the largest; a frame's number is relative to the
+client's last one."""
 
 import json
 import random
 
 from protocol import (CONTROLLER, ENVIRONMENT_NAMES, FORMATS, MESSAGES, NEW, NUMBER_MAX, PRODUCER, RECORDER, ROLES, SIDE_MAX, TEXT_MAX,
                       VIEWER, Flag, Name, Offered, Real, Text, Version, Whole, Word)
+from siege import GREEDY, MAGIC, SKIES, STREAM
 
 NAMES = tuple(f"model-{i}" for i in range(6))  # of lockstep sequences
 STRANGE = (None, True, False, 0, -1, 1, 1.5, 1.0, "", "1", "x" * 300, [], {}, [1], NUMBER_MAX, NUMBER_MAX + 1, -NUMBER_MAX - 1, 1 << 63,
@@ -134,6 +137,8 @@ class Writer:
         elif self.chance(0.3):
             how["encoding"] = d.choice((1, 2))
             how["file"] = d.choice(("junk", "head", "empty"))
+        if how.get("encoding", 4) > 2 and self.chance(0.5):
+            how["sky"] = d.choice(SKIES)
         if self.chance(0.15):
             name = d.choice(ENVIRONMENT_NAMES)
             how["bend"] = {name: d.choice((0, 1, 2, 255, 65535, 1 << 31, (1 << 32) - 1, (1 << 53), (1 << 64) - 1, d.getrandbits(16)))}
@@ -142,6 +147,14 @@ class Writer:
         if self.chance(0.2):
             how["pieces"] = d.choice((2, 3, 10))
         self.add(client, "frame", **how)
+
+    def pixel(self, client):
+        self.text(client, self.message("probe", x=self.draw.randrange(66), y=self.draw.randrange(38)))
+
+    def watch(self, client, path=None, source=None):
+        path = path or self.draw.choice((*MAGIC, STREAM)) + self.draw.choice(("", f"?width={self.draw.randint(16, 70)}", "?width=" + self.draw.choice(
+            ("0", "15", "16384", "16385", "-1", "+17", "64x", "1e3", "", "99999999999999999999"))))
+        self.add(client, "watch", path=path, source=source or self.draw.choice(GREEDY))
 
     def act(self, client, role):
         """One step of a client in that role, or of any other role."""
@@ -177,7 +190,9 @@ class Writer:
                 self.ack(client, role)
             else:
                 if op == "probe" and self.chance(0.8):
-                    self.text(client, self.message("probe", x=self.draw.randrange(66), y=self.draw.randrange(38)))
+                    for _ in range(self.draw.choice((1, 1, 3))):  # of one image and, mostly, of one under another sky
+                        self.pixel(client)
+                        self.add(client, "picture")
                 else:
                     self.text(client, self.message(op))
 
@@ -206,6 +221,11 @@ class Writer:
             self.act(client, clients[client])
             if self.chance(0.15):
                 self.add(client, "sync")
+        for k in range(self.draw.choice((1, 3, 9)) if self.chance(0.15) else 0):
+            self.steps.insert(self.draw.randrange(len(self.steps) + 1), None)
+        for at in [i for i, step in enumerate(self.steps) if step is None]:
+            self.watch(f"http {at}")
+            self.steps[at] = self.steps.pop()
         client = self.draw.randrange(len(clients))
         if self.chance(0.02):
             self.flood(client)
@@ -215,6 +235,49 @@ class Writer:
             if self.chance(0.3):
                 self.add(client, "leave", **({"code": 1000} if self.chance(0.5) else {}))
         return self.steps
+
+    def siege(self, slow):
+        """Two addresses take what all share, by streams of many widths, questions and viewers that do not read. slow: only by these."""
+        d, parties = self.draw, []
+
+        def party(write, *arguments):
+            self.steps = []
+            write(f"greedy {len(parties)}", *arguments)
+            parties.append(self.steps)
+
+        def ask(client):
+            self.add(client, "open", source=d.choice(GREEDY))
+            self.text(client, {"op": "hello", "role": VIEWER, "version": {"major": 1, "minor": 1}})
+            for _ in range(d.randint(1, 5)):
+                self.pixel(client)
+
+        def sleep(client):
+            self.add(client, "slow", format=d.choice(FORMATS[:3]) if not slow else "exr_float", source=GREEDY[0] if slow else d.choice(GREEDY))
+
+        for k in range(0 if slow else d.randint(6, 16)):  # each width is that of one address
+            party(self.watch, f"{d.choice((*MAGIC, STREAM, STREAM))}?width={18 + 2 * d.randrange(20) + k % 2}", GREEDY[k % 2])
+        for _ in range(0 if slow else 70 if self.chance(0.1) else d.choice((2, 4, 8))):
+            party(ask)
+        for _ in range(slow or d.choice((0, 2, 6))):
+            party(sleep)
+        if slow == 0 and CONTROLLER in self.offered:
+            self.steps = []
+            self.add("dark", "open", source=d.choice(GREEDY))
+            self.text("dark", {"op": "hello", "role": CONTROLLER, "version": {"major": 1, "minor": 1}})
+            for k in range(d.randint(1, 4)):
+                self.text("dark", {"op": "control", "request": k + 1, "scale_stops": d.choice((-60, -4, 0, 4)), "rotate_degrees": d.randint(0, 360)})
+            parties.append(self.steps)
+        d.shuffle(parties)
+        self.steps = []
+        for k, steps in enumerate(parties):
+            self.steps += steps
+            if k + 1 == len(parties) or self.chance(1 / len(parties)):
+                self.add("all", "others")
+        return self.steps
+
+
+def write_siege(seed, offered, slow):
+    return Writer(seed, offered, {}, False).siege(slow)
 
 
 def write(seed, offered, offers, producing):
