@@ -62,6 +62,10 @@ MUST_CHECK enum err file_store_parts(const char *path, const struct file_part *p
 /* Creates a folder and its missing parents. ERR_IO names the folder and the cause. */
 MUST_CHECK enum err folder_make(const char *path, struct reason *why);
 
+/* Creates a folder for secrets, as `flag` names it, for this user alone. ERR_USAGE: it cannot be created, is a link or
+ * no folder, or users other than this one and root may write to it, who could choose what it holds. */
+MUST_CHECK enum err folder_make_own(const char *flag, const char *path, struct reason *why);
+
 /* Writes the cache folder of `program` into path[size]: $XDG_CACHE_HOME/program, else $HOME/.cache/program. Does not
  * create it. ERR_USAGE: neither variable is set. ERR_IO: the path is too long. */
 MUST_CHECK enum err folder_cache(const char *program, char *path, size_t size, struct reason *why);

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 static bool is_folder(const char *path)
 {
@@ -30,6 +31,22 @@ enum err folder_make(const char *path, struct reason *why)
         if (!kept)
             return is_folder(folder) ? ERR_OK : err_say(why, ERR_IO, "%s: exists and is not a folder", folder);
     }
+}
+
+enum err folder_make_own(const char *flag, const char *path, struct reason *why)
+{
+    struct stat st;
+
+    if (mkdir(path, 0700) != 0 && errno != EEXIST)
+        return err_say(why, ERR_USAGE, "%s %s: cannot be made: %s", flag, path, strerror(errno));
+    if (lstat(path, &st) != 0 || !S_ISDIR(st.st_mode))
+        return err_say(why, ERR_USAGE, "%s %s: is not a folder", flag, path);
+    if ((st.st_uid != geteuid() && st.st_uid != 0) || (st.st_mode & 022))
+        return err_say(why, ERR_USAGE,
+                       "%s %s: other users may write to it, so they would know or choose the secrets in it; name a "
+                       "folder of this user's own, or one that is not there yet",
+                       flag, path);
+    return ERR_OK;
 }
 
 enum err folder_cache(const char *program, char *path, size_t size, struct reason *why)

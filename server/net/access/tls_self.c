@@ -1,5 +1,6 @@
 #include "net/access/tls.h"
 
+#include "base/file_store.h"
 #include "base/log.h"
 #include "net/access/site.h"
 
@@ -197,13 +198,14 @@ static void report(X509 *x, const char *cert, const struct alternatives *a, bool
 enum err tls_self_signed(const char *dir, const char *names, char *cert, char *key, size_t size, struct reason *why)
 {
     struct alternatives a;
-    enum err e = ERR_OK;
+    enum err e;
 
     if ((size_t)snprintf(cert, size, "%s/cert.pem", dir) >= size ||
         (size_t)snprintf(key, size, "%s/key.pem", dir) >= size)
         return err_say(why, ERR_USAGE, "--tls-self-signed %.200s...: the path is too long", dir);
-    if (mkdir(dir, 0700) != 0 && errno != EEXIST)
-        return err_say(why, ERR_USAGE, "--tls-self-signed %s: cannot be made: %s", dir, strerror(errno));
+    e = folder_make_own("--tls-self-signed", dir, why);
+    if (e)
+        return e;
     collect(&a, names);
     const bool there = access(cert, F_OK) == 0;
     X509 *x = there ? read_certificate(cert) : NULL;

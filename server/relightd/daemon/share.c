@@ -6,7 +6,6 @@
 #include "net/access/site.h"
 
 #include <errno.h>
-#include <fcntl.h>
 #include <string.h>
 #include <sys/random.h>
 #include <sys/stat.h>
@@ -16,30 +15,12 @@
 
 /* ---- The folder of --share ---- */
 
-/* Whoever may write there chooses our tokens and our key. */
-static enum err make_folder(const char *dir, struct reason *why)
-{
-    struct stat st;
-
-    if (mkdir(dir, 0700) != 0 && errno != EEXIST)
-        return err_say(why, ERR_USAGE, "--share %s: cannot be made: %s", dir, strerror(errno));
-    if (lstat(dir, &st) != 0 || !S_ISDIR(st.st_mode))
-        return err_say(why, ERR_USAGE, "--share %s: is not a folder", dir);
-    if (st.st_uid != geteuid() || (st.st_mode & 022))
-        return err_say(
-            why, ERR_USAGE,
-            "--share %s: other users may write to it, so they would know or choose the tokens; name a folder "
-            "of this user's own, or one that is not there yet",
-            dir);
-    return ERR_OK;
-}
-
 enum err share_token(const char *dir, const char *name, bool make, char *path, size_t size, struct reason *why)
 {
     uint8_t random[16];
     char text[2 * sizeof(random) + 2];
 
-    const enum err e = make ? make_folder(dir, why) : ERR_OK;
+    const enum err e = make ? folder_make_own("--share", dir, why) : ERR_OK;
     if (e)
         return e;
     if ((size_t)snprintf(path, size, "%s/%s", dir, name) >= size)

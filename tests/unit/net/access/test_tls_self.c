@@ -125,6 +125,34 @@ static void what_cannot_be_written_is_named(void **state)
     assert_string_equal(why.text, want);
 }
 
+/* Who may write to the folder would choose the key. */
+static void a_folder_that_others_may_write_to_is_refused(void **state)
+{
+    const mode_t open_to[] = { 0777, 0722, 0770, 01777 };
+    struct reason why;
+    char link[200];
+    (void)state;
+
+    assert_int_equal(mkdir(folder, 0700), 0);
+    for (size_t i = 0; i < sizeof(open_to) / sizeof(open_to[0]); i++) {
+        assert_int_equal(chmod(folder, open_to[i]), 0);
+        assert_int_equal(tls_self_signed(folder, NULL, cert, key, sizeof(cert), &why), ERR_USAGE);
+        assert_non_null(strstr(why.text, "other users may write to it"));
+    }
+    assert_int_equal(chmod(folder, 0755), 0);
+    snprintf(link, sizeof(link), "%s-link", folder);
+    assert_int_equal(symlink(folder, link), 0);
+    assert_int_equal(tls_self_signed(link, NULL, cert, key, sizeof(cert), &why), ERR_USAGE);
+    assert_non_null(strstr(why.text, "is not a folder"));
+    if (geteuid() == 0) {
+        assert_int_equal(chown(folder, 65534, 65534), 0);
+        assert_int_equal(tls_self_signed(folder, NULL, cert, key, sizeof(cert), &why), ERR_USAGE);
+        assert_int_equal(chown(folder, 0, 0), 0);
+    }
+    assert_int_equal(access(key, F_OK), -1);
+    make(NULL);
+}
+
 static void it_is_kept_and_made_again_without_its_key(void **state)
 {
     struct reason why;
@@ -193,6 +221,7 @@ static const struct CMUnitTest tests[] = {
                                     remove_folder),
     cmocka_unit_test_setup_teardown(it_is_for_this_machine_and_the_names_asked_for, make_folder, remove_folder),
     cmocka_unit_test_setup_teardown(what_cannot_be_written_is_named, make_folder, remove_folder),
+    cmocka_unit_test_setup_teardown(a_folder_that_others_may_write_to_is_refused, make_folder, remove_folder),
     cmocka_unit_test_setup_teardown(it_is_kept_and_made_again_without_its_key, make_folder, remove_folder),
 };
 UNIT_MAIN(tests)
