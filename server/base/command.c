@@ -156,7 +156,8 @@ static enum err unknown_flag(const struct command *c, const char *given, size_t 
     if (near)
         return err_say(why, ERR_USAGE, "unknown flag '%.*s': did you mean %s%s? (see %s --help all)", (int)length + 2,
                        given, setting_prefix(near), near->name, c->name);
-    return err_say(why, ERR_USAGE, "unknown flag '%s' (see %s --help all)", given, c->name);
+    return err_say(why, ERR_USAGE, "unknown flag '%s' (see %s --help all%s%s)", given, c->name,
+                   c->elsewhere ? "; " : "", c->elsewhere ? c->elsewhere : "");
 }
 
 /* value: NULL without one. */

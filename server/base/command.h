@@ -27,6 +27,7 @@ struct command {
     const char *name;                         /* such as "relight-render" */
     const char *synopsis;                     /* text after the name in the usage line */
     const char *about;                        /* a paragraph */
+    const char *elsewhere;                    /* said of an unknown flag: which other program has it; NULL: nothing */
     const char *epilogue_title, *epilogue;    /* a heading and lines at the end of --help; NULL: none */
     unsigned program;                         /* FOR_* bit; 0: none of these */
     struct setting_list lists[COMMAND_LISTS]; /* rows NULL: none */

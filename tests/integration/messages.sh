@@ -9,6 +9,10 @@ a_flag_that_does_not_exist_suggests_the_nearest() {
     expect 2 "unknown flag '--tokn-viewer': did you mean --token-viewer\?" "$bin/relightd" --tokn-viewer x
     expect 2 "unknown flag '--form': did you mean --from\?" "$bin/relight-record" --form ws://x
     expect 2 "unknown flag '--frobnicate' \(see" "$bin/relight-render" --frobnicate
+    local flag
+    for flag in --out --denoise --format; do
+        expect 2 "unknown flag '$flag' .*those of relight-render" "$bin/relightd" "$flag"
+    done
 }
 
 flags_without_effect_are_reported() {
@@ -81,6 +85,16 @@ files_that_are_no_sky_say_what_they_are() {
     done
     printf 'II*\0\0\0' >"$work/b.jpg"
     expect 1 'b.jpg: is a TIFF file; expected OpenEXR, Radiance .hdr' "${render[@]}" --source "$work/b.jpg"
+    local kind
+    for kind in moon:now watched:/tmp pulse:; do
+        expect 2 "$kind: neither a file nor a kind of source; these are sky:, epw:" "${render[@]}" --source "$kind"
+    done
+    printf 'glTF\2\0\0\0' >"$work/model.glb"
+    expect 1 'model.glb: is a model or scene \(for --scene\), no image' "${render[@]}" --source "$work/model.glb"
+    for kind in hdr exr jpg png; do
+        touch "$work/light.$kind"
+        expect 1 "light.$kind: an image lights a scene: give it with --source" "${render[@]}" --scene "$work/light.$kind"
+    done
     mkdir "$work/pictures"
     touch "$work/pictures/a.png"
     expect 1 "no .exr or .hdr file; for others give a pattern such as '$work/pictures/\*.png'" "${render[@]}" --source "$work/pictures"

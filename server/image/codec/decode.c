@@ -73,6 +73,9 @@ enum err decode_image(const uint8_t *bytes, size_t size, const char *name, struc
     if (other_format(bytes, size))
         return err_say(why, ERR_UNSUPPORTED, "%s: is %s file; expected OpenEXR, Radiance .hdr, JPEG or PNG", name,
                        other_format(bytes, size));
+    if (begins(bytes, size, 0, "glTF", 4) || begins(bytes, size, 0, "ply", 3) ||
+        begins(bytes, size, 0, "Kaydara FBX", 11) || begins(bytes, size, 0, "{", 1))
+        return err_say(why, ERR_UNSUPPORTED, "%s: is a model or scene (for --scene), no image", name);
     if (size == 0)
         return err_say(why, ERR_FORMAT, "%s: the file is empty", name);
     const uint8_t head[4] = { bytes[0], size > 1 ? bytes[1] : 0, size > 2 ? bytes[2] : 0, size > 3 ? bytes[3] : 0 };

@@ -418,6 +418,10 @@ enum err model_check_format(const char *path, struct reason *why)
                        "USD is not supported; convert it to .glb, for instance with Blender (import USD, export glTF)");
     if (path_ends_in(path, ".blend"))
         return err_say(why, ERR_UNSUPPORTED, "Blender's own format is not supported; export it as glTF (.glb)");
+    if (path_ends_in(path, ".hdr") || path_ends_in(path, ".exr") || path_ends_in(path, ".jpg") ||
+        path_ends_in(path, ".png"))
+        return err_say(why, ERR_UNSUPPORTED,
+                       "an image lights a scene: give it with --source, and a model with --scene");
     return err_say(
         why, ERR_UNSUPPORTED,
         "unknown format; expected a .json scene or a .gltf, .glb, .obj, .ply, .stl, .fbx, .dae or .3ds model");

@@ -125,6 +125,7 @@ void daemon_flags_init(struct daemon_flags *f)
 {
     f->command = (struct command){
         .name = "relightd",
+        .elsewhere = "flags for files and denoising, such as --out, are those of relight-render",
         .synopsis = "[--scene FILE] [--source S] [flags]",
         .about = "Lights a scene with a live stream of environment maps and shows it in a browser.\n"
                  "Without flags: the built-in scene under a computed sky, on http://127.0.0.1:8080/",

@@ -319,6 +319,11 @@ static enum err expand(const char *spec, struct file_list *out, struct reason *w
         return from_pattern(spec, out, why);
     if (strpbrk(spec, "*?["))
         return from_glob(spec, out, why);
+    if (spec[strspn(spec, "abcdefghijklmnopqrstuvwxyz0123456789")] == ':')
+        return err_say(why, ERR_USAGE,
+                       "%s: neither a file nor a kind of source; these are sky:, epw:, cie:, mtx:, watch:DIR, v4l2:, a "
+                       "URL and, for relightd, push:",
+                       spec);
     return files_say_errno(why, spec, "cannot open", errno);
 }
 

@@ -163,11 +163,20 @@ static void other_formats_are_refused_by_their_names(void **state)
 {
     static const struct {
         const char *bytes, *name;
-    } rows[] = { { "II*\0........", "a TIFF" },         { "MM\0*........", "a TIFF" },
-                 { "RIFF....WEBP", "a WebP" },          { "....ftypavif", "an AVIF or HEIC" },
-                 { "....ftypheic", "an AVIF or HEIC" }, { "....ftypheix", "an AVIF or HEIC" },
-                 { "....ftypisom", "an MP4 video" },    { "\x1a\x45\xdf\xa3........", "a Matroska or WebM video" },
-                 { "#EXTM3U.....", "an HLS playlist" }, { "GIF89a......", "a GIF" } };
+    } rows[] = { { "II*\0........", "a TIFF" },
+                 { "MM\0*........", "a TIFF" },
+                 { "RIFF....WEBP", "a WebP" },
+                 { "....ftypavif", "an AVIF or HEIC" },
+                 { "....ftypheic", "an AVIF or HEIC" },
+                 { "....ftypheix", "an AVIF or HEIC" },
+                 { "....ftypisom", "an MP4 video" },
+                 { "\x1a\x45\xdf\xa3........", "a Matroska or WebM video" },
+                 { "#EXTM3U.....", "an HLS playlist" },
+                 { "GIF89a......", "a GIF" },
+                 { "glTF........", "a model or scene" },
+                 { "ply\nformat a", "a model or scene" },
+                 { "{\"asset\":{}}", "a model or scene" },
+                 { "Kaydara FBX ", "a model or scene" } };
     (void)state;
 
     for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
