@@ -227,6 +227,7 @@ async def hls_segments_play_and_a_restart_reuses_no_name(folder):
                 whole.write_bytes((copy / init).read_bytes() + (copy / segment).read_bytes())
                 check(int((await probe(whole))["nb_read_packets"]) >= 1, f"{segment} is empty")
             await stopped(daemon, log)
+            check((f"{hls}: made this folder" in log.text) == (turn == 0), f"a new folder is not told, or an old one is: {log.text}")
             known = {p.name: p.read_bytes() for p in hls.iterdir() if p.name != "live.m3u8"}
             check(all(p.suffix != ".part" for p in hls.iterdir()), "unfinished files stay")
             segments, _, number = playlist(hls / "live.m3u8")

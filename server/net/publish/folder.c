@@ -22,6 +22,8 @@ enum err sink_folder_lock(const char *folder, bool public, int *fd, struct reaso
     *fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (*fd < 0)
         return err_say(why, ERR_IO, "the folder cannot be opened: %s", strerror(errno));
+    if (makes)
+        log_info("%s: made this folder", folder);
     if (makes && public && fchmod(*fd, 0755) != 0)
         log_warning("%s: others cannot be given access: %s", folder, strerror(errno));
     if (flock(*fd, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) /* some file systems have no locks */
