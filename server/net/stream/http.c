@@ -12,10 +12,13 @@
 /* Extracts the name from "name", "name:port" or "[::1]:port", without brackets. */
 static bool host_name(const char *host, char *out, size_t size)
 {
-    const char *begin = host[0] == '[' ? host + 1 : host;
-    const size_t length = strcspn(begin, host[0] == '[' ? "]" : ":");
+    const bool six = host[0] == '[';
+    const char *begin = host + six;
+    const size_t length = strcspn(begin, six ? "]" : ":");
+    const char *port = begin + length + six;
 
-    if (length == 0 || length >= size)
+    if (length == 0 || length >= size || (six && !begin[length]) ||
+        (*port && (*port != ':' || port[1 + strspn(port + 1, "0123456789")])))
         return false;
     memcpy(out, begin, length);
     out[length] = 0;

@@ -262,8 +262,16 @@ static void other_methods_and_bodies_are_refused(void **state)
 static void foreign_host_names_are_refused(void **state)
 {
     (void)state;
-    static const char *const hosts[] = { "evil.example", "evil.example:80", "localhost.evil.example",
-                                         "127.evil.example", "" };
+    static const char *const hosts[] = { "evil.example",
+                                         "evil.example:80",
+                                         "localhost.evil.example",
+                                         "127.evil.example",
+                                         "[localhost]evil.example",
+                                         "[::1]evil.example",
+                                         "[::1",
+                                         "localhost:80evil.example",
+                                         "localhost:80:evil.example",
+                                         "" };
     struct server *s = server_start(NULL);
     struct answer a;
     char request[256];
