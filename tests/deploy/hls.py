@@ -46,7 +46,9 @@ class Site(Nginx):
     def main(self):
         if not self.rtmp:
             return ""
-        text = substituted((DEPLOY / "nginx-rtmp.conf").read_text(), (r"listen 1935", f"listen 127.0.0.1:{self.rtmp}", 1),
+        text = (DEPLOY / "nginx-rtmp.conf").read_text()
+        check(not re.search(r"^ *(exec|-|/var).*\$", text, re.M), "a publisher's name becomes a part of a path")
+        text = substituted(text, (r"listen 1935", f"listen 127.0.0.1:{self.rtmp}", 1),
                            (r"127\.0\.0\.1:1935", f"127.0.0.1:{self.rtmp}", 1), (r"(?<!www-data )/var/lib/nginx/relightd-hls", str(self.hls), 2),
                            (r"/usr/bin/ffmpeg", find("ffmpeg"), 1), # without nginx installed there is no /var/log/nginx
                            (r"rtmp \{", f"rtmp {{ access_log {self.folder}/rtmp.log;", 1))
