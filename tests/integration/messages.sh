@@ -31,6 +31,12 @@ flags_without_effect_are_reported() {
     expect 0 '--source-peak has no effect: the source is computed' "${render[@]}" --source sky: --frames 0 --source-peak 5
     expect 0 '--cache-dir has no effect: --cache-file names one' "${render[@]}" --method cached --cache-file "$work/one" --cache-dir "$work/dir"
     expect 0 '--tune lamp-samples has no effect' "${render[@]}" --lamps 0 --tune lamp-samples=3
+    expect 0 '--time has no effect: the built-in scene does not move' "${render[@]}" --time 3
+    expect 0 '--lamps has no effect: the scene has none' "${render[@]}" --lamps 2
+    if "$bin/relight-render" --help all | grep -q -e --split-frames; then
+        expect 0 '--split-frames has no effect in one process' "${render[@]}" --split-frames
+        expect 0 '--collect has no effect in one process' "${render[@]}" --collect
+    fi
     expect 0 '--particles has no effect: the scene has no mirror' "${render[@]}" --scene "$work/box.json" --paths all --particles 9
     expect 0 '--particles has no effect: with this --paths, --caustics' "${render[@]}" --paths all --caustics eye --particles 9
     expect 0 '--reinhart has no effect without' "${render[@]}" --reinhart 2

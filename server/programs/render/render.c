@@ -97,7 +97,9 @@ static enum err set_up(struct render *r, struct reason *why)
         e = set_create(&d->setup.set_desc, &r->set, why);
     if (e)
         return e;
-    setup_report_unused(&d->setup, &r->set->facts);
+    setup_report_unused(&d->setup, r->set);
+    if (!d->ranks && (d->split || d->collect))
+        log_warning("--%s has no effect in one process: mpirun starts several", d->split ? "split-frames" : "collect");
     r->relighter = relighter_create(r->set, d->setup.kernels);
     d->setup.environment.lean = d->setup.light.direct.method == METHOD_CACHED;
     r->environment = environment_create(&d->setup.environment);

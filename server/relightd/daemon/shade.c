@@ -341,7 +341,7 @@ enum err shade_thread_create(struct shared *shared, struct shade_thread **out, s
         e = set_create(&desc, &t->first_set, why);
     if (e)
         goto failed;
-    setup_report_unused(&c->setup, &t->first_set->facts);
+    setup_report_unused(&c->setup, t->first_set);
     t->set = t->first_set;
     t->coarse_view = t->set->coarse;
     t->first_relighter = t->relighter = relighter_create(t->set, c->setup.kernels);

@@ -110,6 +110,11 @@ static const char *without_whole_light(const struct setup *s)
     return s->light.direct.method == METHOD_COMPONENTS ? "components have the light that they were made with" : NULL;
 }
 
+static const char *without_models(const struct setup *s)
+{
+    return s->set_desc.scene ? NULL : "the built-in scene does not move";
+}
+
 static const char *without_lamps(const struct setup *s)
 {
     return s->initial.lamps > 0.0 ? NULL : "--lamps 0 turns the lamps off";
@@ -135,6 +140,7 @@ static const struct {
     { "compensate", without_lobes },
     { "sun", without_strata },
     { "lamp-samples", without_lamps },
+    { "time", without_models },
     { "parts", without_components },
     { "paths", without_whole_light },
     { "samples", without_whole_light },
@@ -163,9 +169,11 @@ void setup_report_ignored(struct command *c, const struct setup *s)
                     processors);
 }
 
-void setup_report_unused(const struct setup *s, const struct plan_facts *scene)
+void setup_report_unused(const struct setup *s, const struct prepared_scene *set)
 {
-    if (s->light.particles > 0 && !without_tracer(s) && scene->casters == 0 && s->light.indirect != PLAN_LIGHT)
+    if (s->initial.lamps != 1.0 && !scene_has_lamps(set->scene))
+        log_warning("--lamps has no effect: the scene has none");
+    if (s->light.particles > 0 && !without_tracer(s) && set->facts.casters == 0 && s->light.indirect != PLAN_LIGHT)
         log_warning(
             "--particles has no effect: the scene has no mirror and no glass, and --indirect light is not given");
 }

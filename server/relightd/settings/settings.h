@@ -77,7 +77,7 @@ bool setup_computes_sky(const struct setup *s);
 void setup_report_ignored(struct command *c, const struct setup *s);
 
 /* Warns of settings that have no effect in this scene. Once, when it has been read. */
-void setup_report_unused(const struct setup *s, const struct plan_facts *scene);
+void setup_report_unused(const struct setup *s, const struct prepared_scene *set);
 
 /* After command_read: what follows from several flags, or from what this machine is. ERR_USAGE names the flag. */
 MUST_CHECK enum err setup_complete(struct setup *s, struct reason *why);
