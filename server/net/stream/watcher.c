@@ -90,29 +90,34 @@ static void leave_slot(struct server *s, unsigned slot)
     s->latest[STREAM_RENDITIONS + slot] = NULL;
 }
 
-/* The client that alone uses the slot; NULL: several do. */
-static const struct client *holder(const struct server *s, unsigned slot)
+/* The client that uses the slot; of several the first, or with `alone` NULL. */
+static const struct client *holder(const struct server *s, unsigned slot, bool alone)
 {
     const struct client *c = NULL;
 
     for (const struct watcher *w = s->watchers; w; w = w->next) {
         if (w->kind != STREAM_RENDITIONS + slot)
             continue;
-        if (c && w->connection->client != c)
+        if (alone && c && w->connection->client != c)
             return NULL;
         c = w->connection->client;
     }
     return c;
 }
 
-/* {lock} Where all slots are taken, the client that alone has most of them loses one, with all who watch it. */
+/* {lock} Where all slots are taken, the client that alone has most of them loses one; if none has enough, two may have
+ * taken all together, and the one that was first in most of them loses one, with all who watch it. */
 static void make_room(struct server *s, const struct client *by)
 {
     const struct client *holders[SERVER_RENDITIONS];
 
-    for (unsigned k = 0; k < SERVER_RENDITIONS; k++)
-        holders[k] = holder(s, k);
-    const int slot = client_crowds(holders, SERVER_RENDITIONS, by);
+    int slot = -1;
+
+    for (int round = 0; round < 2 && slot < 0; round++) {
+        for (unsigned k = 0; k < SERVER_RENDITIONS; k++)
+            holders[k] = holder(s, k, round == 0);
+        slot = client_crowds(holders, SERVER_RENDITIONS, by);
+    }
     limit_reached(&s->limits, LIMIT_WIDTHS, slot < 0 ? by : holders[slot]);
     for (struct watcher *w = s->watchers; w && slot >= 0; w = w->next) {
         if (w->kind != STREAM_RENDITIONS + (unsigned)slot)

@@ -152,6 +152,29 @@ static void nobody_keeps_all_widths(void **state)
     server_destroy(s);
 }
 
+static void two_addresses_keep_all_widths_no_more_than_one(void **state)
+{
+    enum { EACH = SERVER_RENDITIONS };
+    struct server *s = server_with_size();
+    struct test_client greedy[2 * EACH], other;
+    char path[64];
+    (void)state;
+
+    for (uint32_t i = 0; i < 2 * EACH; i++) { /* the same widths, in turn */
+        client_address = i % 2 ? "127.0.0.67" : GREEDY;
+        snprintf(path, sizeof(path), "/stream.mjpeg?width=%u", 20 + i / 2);
+        ask_stream(&greedy[i], s, path);
+        slot_of(s, 20 + i / 2);
+    }
+    client_address = OTHER;
+    ask_stream(&other, s, "/snapshot.jpg?width=50");
+    slot_of(s, 50);
+    for (int i = 0; i < 2 * EACH; i++)
+        client_shut(&greedy[i]);
+    client_shut(&other);
+    server_destroy(s);
+}
+
 /* ---- Pixels ---- */
 
 static void greet(struct test_client *c, const struct server *s, const char *address)
@@ -363,6 +386,7 @@ static void a_pause_holds_live_frames_only(void **state)
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(slow_viewers_together_hold_no_more_than_the_limit),
     cmocka_unit_test(nobody_keeps_all_widths),
+    cmocka_unit_test(two_addresses_keep_all_widths_no_more_than_one),
     cmocka_unit_test(questions_take_turns_by_address),
     cmocka_unit_test(the_sky_is_told_to_all_at_once),
     cmocka_unit_test(followed_pixels_are_shared),
