@@ -41,7 +41,7 @@ AGAIN_S = 5  # for an answer that has been missed before
 SHORT_S = 0.2  # for what may not come
 BATCH = 48  # runs between two looks at the server
 SLOW_S = 600  # sieges by slow viewers need so long a search
-SLOW_SIZE, SLOW_VIEWERS = "960x540", 40  # pictures of 6 MB: 21 viewers reach what they may hold together
+SLOW_SIZE, SLOW_VIEWERS = "1920x1080", 40  # pictures of some 6 MB: 21 viewers reach what they may hold together
 KIB_MOST = (256 if SANITIZED else 64) << 10  # memory that views, caches and skies of random settings may take after the first batches
 
 
