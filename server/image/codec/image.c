@@ -275,8 +275,8 @@ void image_report(const struct image *im, const char *name, unsigned *said)
                     "compensate with --scale STOPS",
                     name, f->infinite);
     if (is_new(said, SAID_NAN, f->nan > 0))
-        log_warning("%s: %" PRIu64 " values are no numbers (NaN): they became the highest around them. If they were "
-                    "the sun, its light is missing",
+        log_warning("%s: %" PRIu64 " values are no numbers (NaN): they became the highest around them, or 0 where "
+                    "all are such. If they were the sun, its light is missing",
                     name, f->nan);
     if (is_new(said, SAID_NEGATIVE, f->negative > 0))
         log_info("%s: %" PRIu64 " values are negative: they became 0", name, f->negative);
