@@ -155,7 +155,7 @@ static enum err run_steps(struct indirect_build *b, struct reason *why)
         if (!e && !is_cancelled(b->desc->cancel) && !b->enclosed)
             e = steps[k](b);
         if (steps[k] == indirect_make_basis)
-            b->enclosed = b->desc->quick && b->open < OPEN_LEAST;
+            b->enclosed = b->desc->quick && b->b->block_count > 0 && b->open < OPEN_LEAST;
         const uint64_t now = (uint64_t)(share_before[k] * (double)early);
         progress_step(b->desc->progress, now - done);
         done = now;

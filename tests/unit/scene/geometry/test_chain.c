@@ -41,6 +41,16 @@ static float escaping(const struct gbuffer *g, int sign)
     return sum;
 }
 
+/* The mean over all 16 pixels of the summed weights of what leaves. */
+static double escaping_everywhere(const struct gbuffer *g)
+{
+    double sum = 0.0;
+
+    for (uint32_t k = 0; k < g->miss_first[16]; k++)
+        sum += (double)g->misses[k].weight[0] / 16.0;
+    return sum;
+}
+
 static float arriving(const struct gbuffer *g)
 {
     float sum = 0.0f;
@@ -88,10 +98,12 @@ static void slab_of_glass_reflects_and_passes_what_fresnel_says(void **state)
             (const float[3]){ 1, 1, 0.1f });
     struct gbuffer *g = look(s, &r, &tele);
     /* F = ((n - 1) / (n + 1))^2 = 0.04 at each side; all orders together pass (1 - F) / (1 + F). Faint ones stand for
-     * each other, each for 1/1024 of a pixel. */
+     * each other, each for 1/1024 of a pixel: in the mean nothing is lost, with a standard error of 3e-4. Without the
+     * weight of those they stand for, F^2 (1 - F) = 1.5e-3 would be. */
     assert_float_equal(escaping(g, -1), 0.96f / 1.04f, 1e-3f);
     assert_float_equal(escaping(g, 1), 0.08f / 1.04f, 1e-3f);
-    assert_true(escaping(g, -1) + escaping(g, 1) <= 1.0f + 1e-3f);
+    printf("%.5f\n", escaping_everywhere(g));
+    assert_true(fabs(escaping_everywhere(g) - 1.0) < 9e-4);
     assert_true(g->cut_weight / (16 * 16) < 1e-3);
     gbuffer_destroy(g);
     rays_destroy(r);
