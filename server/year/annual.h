@@ -18,7 +18,7 @@
 #include "relightd/settings/settings.h"
 #include "scene/geometry/view.h"
 #include "sky/daylight/measures.h"
-#include "sky/source/sky.h"
+#include "sky/daylight/sky.h"
 #include "year/points.h"
 
 #include <stdbool.h>

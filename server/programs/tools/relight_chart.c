@@ -5,7 +5,7 @@
 #include "light/estimators/kernels.h"
 #include "measure/chart/chart.h"
 #include "relightd/settings/settings.h"
-#include "sky/source/sky.h"
+#include "sky/daylight/sky.h"
 
 #include <omp.h>
 #include <stdio.h>

@@ -6,7 +6,7 @@
 #include "light/radiance/components.h"
 #include "programs/render/render.h"
 #include "relightd/settings/settings.h"
-#include "sky/source/sky.h"
+#include "sky/daylight/sky.h"
 #include "year/annual.h"
 
 #include <errno.h>

@@ -10,7 +10,7 @@
 #include "net/publish/publish.h"
 #include "net/stream/server.h"
 #include "relightd/daemon/settings.h"
-#include "sky/source/sky.h"
+#include "sky/daylight/sky.h"
 #include "sky/source/source.h"
 #include "sky/tables/environment.h"
 

@@ -8,7 +8,7 @@
 #include "net/stream/server.h"
 #include "relightd/daemon/config.h"
 #include "relightd/daemon/settings.h"
-#include "sky/source/sky.h"
+#include "sky/daylight/sky.h"
 #include "sky/source/source.h"
 #include "sky/tables/environment.h"
 #include "sky/tables/sky_table.h"

@@ -7,7 +7,7 @@
 #include "sky/daylight/sun.h"
 #include "sky/source/files.h"
 #include "sky/source/footage.h"
-#include "sky/source/sky.h"
+#include "sky/daylight/sky.h"
 
 #include <assert.h>
 #include <inttypes.h>

@@ -5,8 +5,8 @@
 #include "light/estimators/tracing.h"
 #include "scene/geometry/load.h"
 
-#include "sky/source/sky.h"
-#include "sky/source/sky_sun.h"
+#include "sky/daylight/sky.h"
+#include "sky/daylight/sky_sun.h"
 
 #include <omp.h>
 

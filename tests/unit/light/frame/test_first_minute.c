@@ -3,7 +3,7 @@
 #include "light/estimators/points.h"
 #include "light/frame/decide.h"
 #include "light/frame/relighter.h"
-#include "sky/source/sky.h"
+#include "sky/daylight/sky.h"
 #include "support/sets.h"
 #include "support/skies.h"
 

@@ -6,8 +6,8 @@
 #include "light/resolve/resolve.h"
 #include "measure/compare/metrics.h"
 #include "sky/daylight/reinhart.h"
-#include "sky/source/sky.h"
-#include "sky/source/sky_sun.h"
+#include "sky/daylight/sky.h"
+#include "sky/daylight/sky_sun.h"
 #include "support/sets.h"
 
 enum { WIDTH = 48, HEIGHT = 27, PIXELS = WIDTH * HEIGHT, PATCHES = 146, MOST = 2306 };

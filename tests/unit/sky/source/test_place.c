@@ -2,7 +2,7 @@
 #include "support/unit.h"
 
 #include "sky/source/folder.h"
-#include "sky/source/sky.h"
+#include "sky/daylight/sky.h"
 #include "sky/source/source.h"
 
 #include <math.h>

@@ -1,8 +1,5 @@
 unit_test(source test_files)
 unit_test(source test_watch)
-unit_test(source test_sky OpenMP::OpenMP_C)
-unit_test(source test_sky_sun OpenMP::OpenMP_C)
-unit_test(source test_sky_spec OpenMP::OpenMP_C)
 unit_test(source test_place OpenMP::OpenMP_C)
 nomem_test(source test_nomem OpenMP::OpenMP_C)
 if(RELIGHT_VIDEO)

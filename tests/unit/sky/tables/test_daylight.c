@@ -3,7 +3,7 @@
 #include "base/luminance.h"
 #include "base/mem.h"
 #include "sky/daylight/weather.h"
-#include "sky/source/sky.h"
+#include "sky/daylight/sky.h"
 #include "sky/source/source.h"
 #include "sky/tables/environment.h"
 #include "support/unit.h"

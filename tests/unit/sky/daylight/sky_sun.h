@@ -1,7 +1,7 @@
 /* The sky with the sun anywhere: elevation -pi/2..pi/2, azimuth clockwise from north, radians. */
 #pragma once
 
-#include "sky/source/sky.h"
+#include "sky/daylight/sky.h"
 
 #include <assert.h>
 #include <math.h>

@@ -1,4 +1,4 @@
-#include "sky/source/sky_pictures.h"
+#include "sky/daylight/sky_pictures.h"
 
 /* ---- Every 0.1 degree of elevation ---- */
 

@@ -5,8 +5,8 @@
 
 #include "base/luminance.h"
 #include "base/vec.h"
-#include "sky/source/sky.h"
-#include "sky/source/sky_sun.h"
+#include "sky/daylight/sky.h"
+#include "sky/daylight/sky_sun.h"
 
 #include <math.h>
 #include <omp.h>

@@ -1,4 +1,4 @@
-#include "sky/source/sky.h"
+#include "sky/daylight/sky.h"
 
 #include "base/vec.h"
 

@@ -1,4 +1,4 @@
-#include "sky/source/sky.h"
+#include "sky/daylight/sky.h"
 
 #include "base/log.h"
 #include "base/luminance.h"

@@ -1,0 +1,2 @@
+/* Skies between captured skies. */
+#pragma once
