@@ -244,30 +244,33 @@ def drifting(noise_tile, pixels, sun, seconds):
     return red, green, blue
 
 
-def write_exr(path, planes):
-    """32-bit floats, ZIP compression of 16 rows each [OpenEXR file layout]."""
-    width, height = WIDE
+def attribute(name, kind, value):
+    """One line of an OpenEXR header."""
+    return name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(value)) + value
 
-    def attribute(name, kind, value):
-        return name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(value)) + value
 
+def write_exr(path, planes, size=WIDE, half=False, pack=True, more=b""):
+    """planes: red, green and blue, rows from the top. pack: ZIP compression of 16 rows each, else none. more: attributes
+    that end the header [OpenEXR file layout]."""
+    width, height = size
     window = struct.pack("<4i", 0, 0, width - 1, height - 1)
-    channels = b"".join(c + b"\0" + struct.pack("<iB3x2i", 2, 0, 1, 1) for c in (b"B", b"G", b"R")) + b"\0"
+    channels = b"".join(c + b"\0" + struct.pack("<iB3x2i", 1 if half else 2, 0, 1, 1) for c in (b"B", b"G", b"R")) + b"\0"
     head = struct.pack("<2i", 20000630, 2) + attribute("channels", "chlist", channels) + \
-        attribute("compression", "compression", b"\3") + attribute("dataWindow", "box2i", window) + \
+        attribute("compression", "compression", b"\3" if pack else b"\0") + attribute("dataWindow", "box2i", window) + \
         attribute("displayWindow", "box2i", window) + attribute("lineOrder", "lineOrder", b"\0") + \
         attribute("pixelAspectRatio", "float", struct.pack("<f", 1)) + \
         attribute("screenWindowCenter", "v2f", struct.pack("<2f", 0, 0)) + \
-        attribute("screenWindowWidth", "float", struct.pack("<f", 1)) + b"\0"
+        attribute("screenWindowWidth", "float", struct.pack("<f", 1)) + more + b"\0"
     red, green, blue = planes
-    blocks = []
-    for first in range(0, height, 16):
-        raw = b"".join(struct.pack(f"<{width}f", *plane[y * width:(y + 1) * width])
-                       for y in range(first, min(first + 16, height)) for plane in (blue, green, red))
-        split = raw[::2] + raw[1::2]
-        steps = bytes([split[0]]) + bytes((b - a + 128) & 255 for a, b in zip(split, split[1:]))
-        packed = zlib.compress(steps, 1)
-        data = packed if len(packed) < len(raw) else raw
+    blocks, rows, row = [], 16 if pack else 1, struct.Struct(f"<{width}{'e' if half else 'f'}")
+    for first in range(0, height, rows):
+        data = b"".join(row.pack(*plane[y * width:(y + 1) * width])
+                        for y in range(first, min(first + rows, height)) for plane in (blue, green, red))
+        if pack:
+            split = data[::2] + data[1::2]
+            steps = bytes([split[0]]) + bytes((b - a + 128) & 255 for a, b in zip(split, split[1:]))
+            packed = zlib.compress(steps, 1)
+            data = packed if len(packed) < len(data) else data
         blocks.append(struct.pack("<2i", first, len(data)) + data)
     at = len(head) + 8 * len(blocks)
     with open(path, "wb") as out:
