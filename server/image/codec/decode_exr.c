@@ -587,6 +587,7 @@ enum err decode_exr(const uint8_t *bytes, size_t size, const char *name, struct 
         goto done;
     }
     im->layout = x.layout;
+    exr_file_take_time(&x, im);
     e = x.compression == EXR_COMPRESSION_DWAA || x.compression == EXR_COMPRESSION_DWAB ? read_dwa(&x, im)
                                                                                        : exr_chunks_read(&x, im);
     if (!e)

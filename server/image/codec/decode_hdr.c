@@ -1,6 +1,7 @@
 #include "image/codec/decode.h"
 
 #include "base/mem.h"
+#include "image/codec/calendar.h"
 #include "image/codec/colour.h"
 
 #include <math.h>
@@ -29,6 +30,8 @@ struct hdr {
     double aspect;                  /* height per width of a texel, likewise a product */
     bool has_primaries;
     struct chromaticities primaries;
+    int64_t local_us, utc_us; /* CAPDATE and GMT, as image.taken_us */
+    bool bad_time;            /* one of them is none */
 
     uint32_t width, height;
     uint32_t scanlines, length; /* in file order; a scan line is a column if X comes first */
@@ -113,6 +116,14 @@ static bool take_primaries(struct hdr *h, const char *text)
     return true;
 }
 
+static int64_t take_time(struct hdr *h, const char *text)
+{
+    text += strspn(text, " \t");
+    const int64_t us = calendar_of_text(text, strlen(text));
+    h->bad_time = h->bad_time || us == 0;
+    return us;
+}
+
 static const char *after(const char *line, const char *key)
 {
     const size_t n = strlen(key);
@@ -144,6 +155,10 @@ static enum err take_line(struct hdr *h, size_t at, const char *line)
     } else if ((value = after(line, "PRIMARIES="))) {
         if (!take_primaries(h, value))
             return say_line(h, at, line, ERR_FORMAT, "expected eight numbers");
+    } else if ((value = after(line, "CAPDATE="))) {
+        h->local_us = take_time(h, value);
+    } else if ((value = after(line, "GMT="))) {
+        h->utc_us = take_time(h, value);
     } else if ((value = after(line, "GAMMA="))) {
         if (!read_numbers(value, 1, &gamma) || fabs(gamma - 1.0) > 1e-3)
             return say_line(h, at, line, ERR_UNSUPPORTED, "only linear images are supported");
@@ -410,6 +425,15 @@ static enum err row_init(struct row *row, uint32_t length, struct scratch *scrat
     return ERR_OK;
 }
 
+static void finish_image(const struct hdr *h, struct image *im)
+{
+    image_mend(im);
+    image_take_aspect(im, 1.0 / h->aspect);
+    im->taken_us = h->utc_us ? h->utc_us : h->local_us;
+    if (h->bad_time)
+        image_note(im, "its CAPDATE or GMT is no time and is ignored");
+}
+
 enum err decode_hdr(const uint8_t *bytes, size_t size, const char *name, struct image *im, struct reason *why)
 {
     struct hdr h = { .bytes = bytes,
@@ -442,10 +466,8 @@ enum err decode_hdr(const uint8_t *bytes, size_t size, const char *name, struct 
         e = err_say(why, e, "%s: out of memory for %ux%u texels", name, h.width, h.height);
     else
         e = read_texels(&h, needed ? to_rec709 : NULL, &row, im);
-    if (!e) {
-        image_mend(im);
-        image_take_aspect(im, 1.0 / h.aspect);
-    }
+    if (!e)
+        finish_image(&h, im);
     scratch_free(im->scratch, row.rgb);
     scratch_free(im->scratch, row.plane[0]);
     return e;

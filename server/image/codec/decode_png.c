@@ -200,8 +200,10 @@ static enum err decode(struct png_file *f, struct image *im)
     if (e)
         return e;
     image_take_aspect(im, (double)png_get_pixel_aspect_ratio(f->png, f->info));
-    if (png_get_eXIf_1(f->png, f->info, &exif_size, &exif))
+    if (png_get_eXIf_1(f->png, f->info, &exif_size, &exif)) {
         m.orientation = markers_orientation(exif, exif_size);
+        m.exif = (struct marker){ exif, exif_size };
+    }
     e = markers_place(&m, im);
     return e ? err_say(f->why, e, "%s: out of memory to turn it", f->name) : ERR_OK;
 }

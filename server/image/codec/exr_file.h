@@ -59,6 +59,10 @@ enum err exr_file_say(struct exr_file *x, exr_result_t r, const char *where);
 /* Whether `packed` bytes can encode `unpacked` bytes in the file's compression. */
 bool exr_file_plausible(const struct exr_file *x, uint64_t packed, uint64_t unpacked);
 
+/* When the image was taken and how long the exposure was, by capDate, utcOffset (0 if missing) and expTime; damaged
+ * ones are noted and left out. */
+void exr_file_take_time(struct exr_file *x, struct image *im);
+
 /* Decodes and sanitises all chunks of the chosen part into the image, which already has its size, and counts faults.
  * ERR_FORMAT, ERR_NOMEM. */
 MUST_CHECK enum err exr_chunks_read(struct exr_file *x, struct image *im);

@@ -61,6 +61,8 @@ enum err image_resize(struct image *im, uint32_t width, uint32_t height)
     im->height = height;
     im->layout = LAYOUT_AUTO;
     im->note[0] = '\0';
+    im->taken_us = 0;
+    im->exposure_s = 0.0;
     memset(&im->faults, 0, sizeof(im->faults));
     return ERR_OK;
 }

@@ -35,6 +35,8 @@ struct image_faults {  /* values (not texels) of this frame that were corrected 
 #define IMAGE_MAX_TEXELS ((size_t)IMAGE_MAX_SIDE * (IMAGE_MAX_SIDE / 2)) /* the largest 2:1 image: 1.5 GiB */
 #define IMAGE_MAX 1e12f /* larger finite values are clamped, so that sums of squares stay finite in float */
 
+#define IMAGE_EXPOSURE_MAX_S 86400.0 /* a day: a longer exposure is a mistake */
+
 struct scratch;
 struct libdeflate_decompressor;
 
@@ -46,6 +48,8 @@ struct image {
     size_t capacity;    /* floats allocated for rgb */
     enum layout layout; /* the file's own layout; LAYOUT_AUTO if it has none */
     struct image_faults faults;
+    int64_t taken_us;        /* when, microseconds since 1970 UTC by the file's own attributes; 0: unknown */
+    double exposure_s;       /* how long the shutter was open, by the file, 0 to IMAGE_EXPOSURE_MAX_S; 0: unknown */
     bool low_range;          /* of an image that ends at white, such as a JPEG */
     const char *layer;       /* of an EXR with several; NULL or "": by meaning (decode.h); set by the owner, borrowed */
     char note[320];          /* what decoding chose, or left out of what the file says; "": nothing. Printable. */
@@ -58,8 +62,8 @@ struct image {
  * begins with `where`. */
 MUST_CHECK enum err image_check_size(const struct image *im, uint64_t width, uint64_t height, const char *where,
                                      struct reason *why);
-/* Allocates texels, undefined, and clears layout and faults. ERR_RANGE: a side of 0, or as image_check_size. ERR_NOMEM.
- * On failure the image is unchanged or empty. */
+/* Allocates texels, undefined, and clears layout, faults, note and times. ERR_RANGE: a side of 0, or as
+ * image_check_size. ERR_NOMEM. On failure the image is unchanged or empty. */
 MUST_CHECK enum err image_resize(struct image *im, uint32_t width, uint32_t height);
 /* Call once per image: frees memory that only much larger, earlier images needed (base/mem.h). Moves the texels. rgb
  * must come from mem_alloc. */

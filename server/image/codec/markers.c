@@ -1,6 +1,9 @@
 #include "image/codec/markers.h"
 
+#include "image/codec/calendar.h"
+
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -23,27 +26,121 @@ static const uint8_t *find(const uint8_t *in, size_t size, const void *text, siz
 
 /* ---- Exif: a TIFF directory ---- */
 
-#define TAG_ORIENTATION 0x112
+enum {
+    TAG_ORIENTATION = 0x112,
+    TAG_EXPOSURE = 0x829a,
+    TAG_DIRECTORY = 0x8769, /* where a photograph's own tags are */
+    TAG_TAKEN = 0x9003,
+    TAG_OFFSET = 0x9011,
+    TAG_FRACTION = 0x9291,
+};
+
+struct tiff {
+    const uint8_t *at;
+    size_t size;
+    bool little;
+};
+
+static size_t tiff_number(const struct tiff *t, const uint8_t *at, int bytes)
+{
+    size_t v = 0;
+
+    if (!t->little)
+        return big(at, bytes);
+    while (bytes-- > 0)
+        v = v << 8 | at[bytes];
+    return v;
+}
+
+/* Opens the block; *directory is the byte of its first directory. */
+static bool tiff_open(const uint8_t *at, size_t size, struct tiff *t, size_t *directory)
+{
+    if (size < 14 || (memcmp(at, "II*\0", 4) != 0 && memcmp(at, "MM\0*", 4) != 0))
+        return false;
+    *t = (struct tiff){ at, size, at[0] == 'I' };
+    *directory = tiff_number(t, at + 4, 4);
+    return true;
+}
+
+/* The 12 bytes of a tag in the directory: tag, type, count, and the value or its place. NULL: there is none. */
+static const uint8_t *tiff_find(const struct tiff *t, size_t directory, size_t tag)
+{
+    if (directory > t->size - 2)
+        return NULL;
+    const uint8_t *p = t->at + directory;
+    const size_t count = tiff_number(t, p, 2);
+    for (size_t i = 0; i < count && directory + 2 + 12 * (i + 1) <= t->size; i++)
+        if (tiff_number(t, p + 2 + 12 * i, 2) == tag)
+            return p + 2 + 12 * i;
+    return NULL;
+}
 
 unsigned markers_orientation(const uint8_t *tiff, size_t size)
 {
-    if (size < 14 || (memcmp(tiff, "II*\0", 4) != 0 && memcmp(tiff, "MM\0*", 4) != 0))
+    struct tiff t;
+    size_t directory;
+
+    const uint8_t *entry = tiff_open(tiff, size, &t, &directory) ? tiff_find(&t, directory, TAG_ORIENTATION) : NULL;
+    const size_t value = entry ? tiff_number(&t, entry + 8, 2) : 0;
+    return value >= 1 && value <= 8 ? (unsigned)value : 0;
+}
+
+/* A text of up to 31 characters; "": there is none, or it lies outside the block. */
+static void tiff_text(const struct tiff *t, size_t directory, size_t tag, char out[32])
+{
+    const uint8_t *entry = tiff_find(t, directory, tag);
+    const size_t count = entry ? tiff_number(t, entry + 4, 4) : 0;
+    const size_t place = count > 4 ? tiff_number(t, entry + 8, 4) : 0;
+
+    out[0] = '\0';
+    if (count < 1 || count > 31 || (count > 4 && (place > t->size || count > t->size - place)))
+        return;
+    memcpy(out, count > 4 ? t->at + place : entry + 8, count);
+    out[count] = '\0';
+}
+
+/* "+02:00" in microseconds; else 0. */
+static int64_t zone_of(const char *text)
+{
+    int hours, minutes;
+
+    if ((text[0] != '+' && text[0] != '-') || sscanf(text + 1, "%2d:%2d", &hours, &minutes) != 2 || hours < 0 ||
+        hours > 14 || minutes < 0 || minutes > 59)
         return 0;
-    const bool small = tiff[0] == 'I';
-    const uint8_t *p = tiff + 4;
-    const size_t at = small ? p[0] | (size_t)p[1] << 8 | (size_t)p[2] << 16 | (size_t)p[3] << 24 : big(p, 4);
-    if (at > size - 2)
-        return 0;
-    p = tiff + at;
-    const size_t count = small ? p[0] | (size_t)p[1] << 8 : big(p, 2);
-    for (size_t i = 0; i < count && at + 2 + 12 * (i + 1) <= size; i++) {
-        const uint8_t *entry = p + 2 + 12 * i;
-        const size_t tag = small ? entry[0] | (size_t)entry[1] << 8 : big(entry, 2);
-        const size_t value = small ? entry[8] | (size_t)entry[9] << 8 : big(entry + 8, 2);
-        if (tag == TAG_ORIENTATION)
-            return value >= 1 && value <= 8 ? (unsigned)value : 0;
+    return (text[0] == '-' ? -1 : 1) * (hours * 60 + minutes) * INT64_C(60000000);
+}
+
+void markers_taken(const struct marker *exif, struct image *im)
+{
+    struct tiff t;
+    size_t directory;
+    char text[32];
+
+    const uint8_t *entry =
+        exif->at && tiff_open(exif->at, exif->size, &t, &directory) ? tiff_find(&t, directory, TAG_DIRECTORY) : NULL;
+    if (!entry)
+        return;
+    directory = tiff_number(&t, entry + 8, 4);
+    entry = tiff_find(&t, directory, TAG_EXPOSURE);
+    const size_t place = entry ? tiff_number(&t, entry + 8, 4) : t.size;
+    if (place <= t.size - 8) {
+        const size_t part = tiff_number(&t, t.at + place, 4), whole = tiff_number(&t, t.at + place + 4, 4);
+        if (whole > 0 && (double)part / (double)whole <= IMAGE_EXPOSURE_MAX_S)
+            im->exposure_s = (double)part / (double)whole;
     }
-    return 0;
+    tiff_text(&t, directory, TAG_TAKEN, text);
+    im->taken_us = calendar_of_text(text, strlen(text));
+    if (text[0] && im->taken_us == 0)
+        image_note(im, "its Exif time is no time and is ignored");
+    if (im->taken_us == 0)
+        return;
+    tiff_text(&t, directory, TAG_FRACTION, text);
+    int64_t unit = 100000;
+    for (const char *s = text; *s >= '0' && *s <= '9'; s++, unit /= 10)
+        im->taken_us += (*s - '0') * unit;
+    tiff_text(&t, directory, TAG_OFFSET, text);
+    const int64_t utc = im->taken_us - zone_of(text);
+    im->taken_us = utc > 0 ? utc : 0;
 }
 
 /* ---- JPEG ---- */
@@ -62,8 +159,10 @@ static void take_segment(uint8_t code, const uint8_t *at, size_t size, struct ma
 {
     struct marker exif = { .size = 0 };
 
-    if (code == 0xe1 && take(at, size, "Exif\0", 6, &exif) && m->orientation == 0)
+    if (code == 0xe1 && take(at, size, "Exif\0", 6, &exif) && m->orientation == 0) {
         m->orientation = markers_orientation(exif.at, exif.size);
+        m->exif = m->exif.at ? m->exif : exif;
+    }
     if (code == 0xe1)
         (void)take(at, size, "http://ns.adobe.com/xap/1.0/", 29, &m->xmp);
     if (code == 0xe2 && !take(at, size, "ICC_PROFILE", 12, &m->icc))
@@ -184,6 +283,7 @@ enum err markers_place(const struct markers *m, struct image *im)
 {
     if (m->icc.at && !is_srgb(&m->icc))
         image_note(im, "its ICC profile is ignored: it is read as sRGB, to which it is best converted");
+    markers_taken(&m->exif, im);
     const enum err e = image_orient(im, m->orientation);
     return e ? e : place_panorama(m, im);
 }

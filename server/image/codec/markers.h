@@ -16,6 +16,7 @@ struct marker {
 
 struct markers {                  /* zeroed: nothing is said */
     unsigned orientation;         /* Exif's, 1 to 8; 0: not stated */
+    struct marker exif;           /* a block that begins as a TIFF file */
     struct marker xmp, icc, gain; /* gain: ISO 21496-1's metadata */
     size_t end;                   /* of a JPEG: behind the image's last byte */
 };
@@ -26,12 +27,16 @@ void markers_of_jpeg(const uint8_t *bytes, size_t size, struct markers *out);
 /* The orientation in a block of Exif, which begins as a TIFF file; 0: none. */
 unsigned markers_orientation(const uint8_t *tiff, size_t size);
 
+/* Sets the image's time and exposure by DateTimeOriginal, SubSecTimeOriginal, OffsetTimeOriginal (without it: as UTC)
+ * and ExposureTime; what is damaged is left out, a time that is none is noted. */
+void markers_taken(const struct marker *exif, struct image *im);
+
 /* Up to three numbers of an XMP property such as "hdrgm:Gamma", of an attribute, an element or a list in it. Returns
  * how many there are; out[] keeps its other values. */
 int markers_numbers(const struct marker *xmp, const char *key, double out[3]);
 
-/* Places the image as its Exif and a panorama's XMP (GPano) say, and notes what is ignored. ERR_NOMEM; ERR_RANGE: the
- * panorama is too large. */
+/* Places the image as its Exif and a panorama's XMP (GPano) say, notes what is ignored, and calls markers_taken.
+ * ERR_NOMEM; ERR_RANGE: the panorama is too large. */
 MUST_CHECK enum err markers_place(const struct markers *m, struct image *im);
 
 /* ---- Gain maps ---- */

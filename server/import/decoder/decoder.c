@@ -4,6 +4,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "image/codec/calendar.h"
 #include "import/decoder/decoder.h"
 
 #include <fcntl.h>
@@ -218,6 +219,8 @@ enum err decoder_decode(void *context, const uint8_t *bytes, size_t size, const 
     im->layout = (enum layout)a.layout;
     im->faults = (struct image_faults){ a.nan, a.infinite, a.negative, a.clipped };
     im->low_range = a.low_range == 1;
+    im->taken_us = a.taken_us > 0 && a.taken_us < CALENDAR_MAX_US ? a.taken_us : 0;
+    im->exposure_s = a.exposure_s >= 0.0 && a.exposure_s <= IMAGE_EXPOSURE_MAX_S ? a.exposure_s : 0.0; /* NaN: 0 */
     decode_printable(a.note, sizeof(a.note), im->note, sizeof(im->note));
     decoder_trim(&d->picture, 3 * sizeof(float) * (size_t)im->width * im->height);
     return ERR_OK;

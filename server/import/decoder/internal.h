@@ -49,6 +49,8 @@ struct wire_answer {
     int64_t time_us;    /* of the image */
     uint32_t assumed;   /* CONVERT: 1: the stream does not state its transfer function */
     uint32_t low_range; /* IMAGE: as image.low_range */
+    int64_t taken_us;   /* IMAGE: as image.taken_us */
+    double exposure_s;  /* IMAGE: as image.exposure_s */
     uint64_t nan, infinite, negative, clipped;
     struct reason why;
     char note[320]; /* IMAGE, CONVERT: as image.note */

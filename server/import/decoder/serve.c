@@ -37,6 +37,8 @@ static int serve(const uint8_t *file, size_t file_bytes, float *picture, const s
         a.negative = im.faults.negative;
         a.clipped = im.faults.clipped;
         a.low_range = im.low_range;
+        a.taken_us = im.taken_us;
+        a.exposure_s = im.exposure_s;
         snprintf(a.note, sizeof(a.note), "%s", im.note);
         if (!helper_send(&a, sizeof(a)))
             return 1;

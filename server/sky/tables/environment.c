@@ -175,6 +175,8 @@ static enum err decode_faces(struct environment *e, const struct frame *f, struc
     }
     e->image.layout = LAYOUT_CUBE;
     e->image.low_range = e->face.low_range;
+    e->image.taken_us = e->face.taken_us;
+    e->image.exposure_s = e->face.exposure_s;
     memcpy(e->image.note, e->face.note, sizeof(e->image.note));
     return result;
 }

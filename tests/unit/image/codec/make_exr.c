@@ -99,6 +99,10 @@ static void write_part_header(exr_context_t ctx, const struct exr_recipe *r, int
         const exr_attr_chromaticities_t a = { v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7] };
         must(exr_attr_set_chromaticities(ctx, part, "chromaticities", &a), "chromaticities");
     }
+    for (const struct made_attribute *a = r->more; a && a->name; a++)
+        must(a->text ? exr_attr_set_string(ctx, part, a->name, a->text)
+                     : exr_attr_set_float(ctx, part, a->name, a->number),
+             a->name);
     if (r->envmap)
         must(exr_attr_set_envmap(ctx, part, "envmap", (exr_envmap_t)(r->envmap - 1)), "envmap");
 }

@@ -1,0 +1,1 @@
+unit_test(between test_taken)
