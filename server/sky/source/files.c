@@ -62,9 +62,33 @@ void files_finish(struct file_list *l)
     *l = (struct file_list){ .items = NULL };
 }
 
+int files_compare(const char *a, const char *b)
+{
+    const char *s = a, *t = b;
+
+    while (*s && *t) {
+        if (!isdigit((unsigned char)*s) || !isdigit((unsigned char)*t)) {
+            if (*s != *t)
+                break;
+            s++;
+            t++;
+            continue;
+        }
+        s += strspn(s, "0");
+        t += strspn(t, "0");
+        const size_t n = strspn(s, "0123456789"), m = strspn(t, "0123456789");
+        const int order = n != m ? (n < m ? -1 : 1) : strncmp(s, t, n);
+        if (order != 0)
+            return order;
+        s += n;
+        t += m;
+    }
+    return *s != *t ? (unsigned char)*s - (unsigned char)*t : strcmp(a, b);
+}
+
 static int by_path(const void *a, const void *b)
 {
-    return strcmp(((const struct file_item *)a)->path, ((const struct file_item *)b)->path);
+    return files_compare(((const struct file_item *)a)->path, ((const struct file_item *)b)->path);
 }
 
 static int by_number(const void *a, const void *b)
@@ -273,7 +297,7 @@ static enum err from_glob(const char *spec, struct file_list *out, struct reason
 {
     glob_t found = { 0 };
     enum err e = ERR_OK;
-    const int code = glob(spec, GLOB_NOSORT, NULL, &found); /* sorted by bytes later; glob would sort by locale */
+    const int code = glob(spec, GLOB_NOSORT, NULL, &found); /* sorted later; glob would sort by locale */
 
     if (code == GLOB_NOSPACE)
         e = ERR_NOMEM;

@@ -42,12 +42,17 @@ bool files_is_other_image(const char *name);
  * pattern. ERR_NOMEM. *why names the spec. */
 MUST_CHECK enum err files_from_spec(const char *spec, struct file_list *out, struct reason *why);
 
+/* The order of names, as strcmp: digits in both at once are compared as one number, the rest by bytes; names that
+ * differ in zeros alone (1, 01) by bytes. Any thread. */
+int files_compare(const char *a, const char *b);
+
 /* Keeps only files whose number is in the range, if one is given. ERR_USAGE: none is, or a number exceeds
  * FRAME_NUMBER_MAX. */
 MUST_CHECK enum err files_select(struct file_list *l, const struct setting_frames *frames, const char *spec,
                                  struct reason *why);
 
-/* Lists the frames of a folder in byte order, numbered from 0; may be empty. The caller owns *out. ERR_IO, ERR_NOMEM.
+/* Lists the frames of a folder in the order of files_compare, numbered from 0; may be empty. The caller owns *out.
+ * ERR_IO, ERR_NOMEM.
  */
 MUST_CHECK enum err files_from_folder(const char *dir, struct file_list *out, struct reason *why);
 
@@ -84,8 +89,8 @@ struct watch {
     int64_t list_ms; /* when to list again */
 };
 
-/* Starts watching. Files that already exist are queued first, in byte order, and assumed complete. ERR_IO: no such
- * folder, or no inotify watches left. ERR_NOMEM. On error *w is finished. */
+/* Starts watching. Files that already exist are queued first, in the order of files_compare, and assumed complete.
+ * ERR_IO: no such folder, or no inotify watches left. ERR_NOMEM. On error *w is finished. */
 MUST_CHECK enum err watch_init(struct watch *w, const char *dir, struct reason *why);
 void watch_finish(struct watch *w); /* frees; zeroed memory is allowed */
 

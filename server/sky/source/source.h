@@ -3,14 +3,14 @@
  *
  * `sky.%04d.exr`  The numbered files that exist between first and last, ascending. One %d, %i or %u with an optional
  *                 width, in the file name; every other character, '%' included, is literal.
- * folder          Its *.exr and *.hdr files, in any case, in byte order, numbered from 0.
+ * folder          Its *.exr and *.hdr files, in any case, in natural order (1, 2, 10: files_compare), numbered from 0.
  * glob            The matching files, likewise.
  * file            One frame with number 0, regardless of digits in its name (dawn_1k.hdr is not frame 1).
  * `{face}`        In a file spec: a cube map of six files, with px, nx, py, ny, pz, nz or posx, negx, ... in its place
  *                 (`pier/{face}.hdr`, `sky.%04d.{face}.exr`). No pattern may follow it.
- * `watch:DIR`     The files in DIR, in byte order and assumed complete, then those closed after writing or moved in, as
- *                 they appear, numbered from 0. Hidden names (".x.exr") are ignored, so writers can rename when done.
- * `sky:key=...`   Computed frames (sky.h); never ends by itself. From the largest number that a frame can have on
+ * `watch:DIR`     The files in DIR, in natural order and assumed complete, then those closed after writing or moved
+ *                 in, as they appear, numbered from 0. Hidden names (".x.exr") are ignored, so writers can rename when
+ * done. `sky:key=...`   Computed frames (sky.h); never ends by itself. From the largest number that a frame can have on
  *                 (FRAME_NUMBER_MAX), it repeats that frame.
  * `epw:FILE,...`  The hours with daylight of a weather file (sky.h), numbered by their place in the year.
  * `cie:TYPE,...`  One standard sky, likewise.

@@ -150,7 +150,7 @@ static void forget_known(struct watch_known *known, size_t count)
 
 static int by_name(const void *a, const void *b)
 {
-    return strcmp(((const struct watch_known *)a)->name, ((const struct watch_known *)b)->name);
+    return files_compare(((const struct watch_known *)a)->name, ((const struct watch_known *)b)->name);
 }
 
 /* All frames in the folder, by name. False: it cannot be listed now. */
@@ -190,7 +190,7 @@ static bool list(struct watch *w, struct watch_known **out, size_t *count)
 /* What the last listing knows of the file; *at is where the search begins and where it ended, since both are sorted. */
 static const struct watch_known *find_known(const struct watch *w, const char *name, size_t *at)
 {
-    while (*at < w->known_count && strcmp(w->known[*at].name, name) < 0)
+    while (*at < w->known_count && files_compare(w->known[*at].name, name) < 0)
         ++*at;
     return *at < w->known_count && strcmp(w->known[*at].name, name) == 0 ? &w->known[*at] : NULL;
 }

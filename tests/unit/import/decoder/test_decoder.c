@@ -61,7 +61,8 @@ static void refused(struct decoder *d, const char *text, const char *because)
     image_finish(&im);
 }
 
-static const char good[] = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\x80\x80\x80\x81\x40\x40\x40\x81";
+static const char good[] = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nCAPDATE= 1970:01:01 00:00:09\n\n-Y 1 +X 2\n"
+                           "\x80\x80\x80\x81\x40\x40\x40\x81";
 
 static void taken(struct decoder *d)
 {
@@ -73,6 +74,7 @@ static void taken(struct decoder *d)
     assert_int_equal(im.width, 2);
     assert_int_equal(im.height, 1);
     assert_true(im.rgb[0] == 1.0f && im.rgb[3] == 0.5f);
+    assert_int_equal(im.taken_us, 9000000);
     image_finish(&im);
 }
 

@@ -208,7 +208,7 @@ static void range_cuts_what_is_walked(void **state)
     folder_remove(&f);
 }
 
-static void folder_gives_its_frames_in_byte_order(void **state)
+static void folder_gives_its_frames_in_natural_order(void **state)
 {
     struct folder f;
 
@@ -224,22 +224,73 @@ static void folder_gives_its_frames_in_byte_order(void **state)
     folder_put(&f, ".hidden.exr", "no frame");
     folder_put(&f, ".exr", "no frame");
     assert_int_equal(mkdir(folder_path(&f, "d.exr"), 0700), 0);
-    assert_string_equal(walk_spec(f.path), "0=B 1=a 2=a10 3=a9 4=b");
+    assert_string_equal(walk_spec(f.path), "0=B 1=a 2=a9 3=a10 4=b");
     folder_remove(&f);
 }
 
-static void glob_gives_its_matches_in_byte_order(void **state)
+static void glob_gives_its_matches_in_natural_order(void **state)
 {
     struct folder f;
 
     (void)state;
     folder_make(&f);
     folder_put(&f, "b1.exr", "b1");
+    folder_put(&f, "a10.exr", "a10");
     folder_put(&f, "a2.exr", "a2");
     folder_put(&f, "B3.exr", "B3");
     folder_put(&f, "c.exr", "c");
-    assert_string_equal(walk_spec(folder_path(&f, "*[0-9].exr")), "0=B3 1=a2 2=b1");
+    assert_string_equal(walk_spec(folder_path(&f, "*[0-9].exr")), "0=B3 1=a2 2=a10 3=b1");
     folder_remove(&f);
+}
+
+/* Each row is before all that follow it. */
+static void names_compare_by_their_numbers(void **state)
+{
+    static const char *const names[] = { "",
+                                         "!1",
+                                         "-5",
+                                         "0",
+                                         "00",
+                                         "01",
+                                         "1",
+                                         "001a",
+                                         "1a",
+                                         "1b",
+                                         "02",
+                                         "2",
+                                         "2.09",
+                                         "2.9",
+                                         "2.10",
+                                         "9",
+                                         "10",
+                                         "18446744073709551615",
+                                         "18446744073709551616",
+                                         "99999999999999999999999",
+                                         ":",
+                                         "A1",
+                                         "a",
+                                         "a 1",
+                                         "a-1",
+                                         "a1",
+                                         "a1.exr",
+                                         "a01b",
+                                         "a1b",
+                                         "a1b9",
+                                         "a1b10",
+                                         "a2",
+                                         "a10",
+                                         "a10.exr",
+                                         "aa",
+                                         "b",
+                                         "\xe4" };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++)
+        for (size_t k = 0; k < sizeof(names) / sizeof(names[0]); k++) {
+            const int got = files_compare(names[i], names[k]);
+            if ((got > 0) - (got < 0) != (i > k) - (i < k))
+                fail_msg("'%s' and '%s': %d", names[i], names[k], got);
+        }
 }
 
 static void name_that_exists_is_that_file(void **state)
@@ -530,8 +581,9 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(pattern_takes_every_other_percent_sign_literally),
     cmocka_unit_test(pattern_must_hold_one_number_in_the_name),
     cmocka_unit_test(range_cuts_what_is_walked),
-    cmocka_unit_test(folder_gives_its_frames_in_byte_order),
-    cmocka_unit_test(glob_gives_its_matches_in_byte_order),
+    cmocka_unit_test(folder_gives_its_frames_in_natural_order),
+    cmocka_unit_test(glob_gives_its_matches_in_natural_order),
+    cmocka_unit_test(names_compare_by_their_numbers),
     cmocka_unit_test(name_that_exists_is_that_file),
     cmocka_unit_test(single_file_is_number_0_whatever_its_name),
     cmocka_unit_test(nothing_there_is_said_when_it_is_opened),
