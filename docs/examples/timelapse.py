@@ -128,9 +128,10 @@ def sun_texels(size, sun):
 
 
 def twilight(sun):
-    """Of a high sun's sky: half a stop less with each degree below 6, and 1.1 stops below the horizon."""
+    """Of a high sun's sky: it fades from 8 degrees on, faster and faster, and by 1.1 stops a degree from -2 to -12."""
     degrees = math.degrees(math.asin(max(-1.0, min(1.0, sun[1]))))
-    return 2.0 ** (-0.5 * min(6.0, max(0.0, 6 - degrees)) - 1.1 * min(12.0, max(0.0, -degrees)))
+    below = min(20.0, max(0.0, 8 - degrees))
+    return 2.0 ** -(0.055 * min(10.0, below) ** 2 + 1.1 * max(0.0, below - 10))
 
 
 def sky(size, pixels, clouds, sun, seconds, options, veiled):

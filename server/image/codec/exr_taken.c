@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-/* False: the part has no such number. One that is no number within `most` of 0 is noted and left out. */
+/* False: the part does not have it, or it is damaged, which is noted: another type, or not from `least` to `most`. */
 static bool take_number(const struct exr_file *x, const char *key, double least, double most, struct image *im,
                         double *out)
 {
@@ -18,7 +18,7 @@ static bool take_number(const struct exr_file *x, const char *key, double least,
         *out = (double)v;
         return true;
     }
-    image_note(im, "its %s is no number of seconds and is ignored", key);
+    image_note(im, "its %s is damaged and is ignored", key);
     return false;
 }
 
