@@ -33,6 +33,8 @@ const struct figure server_figure_table[] = {
     TEXT("source.kind", kind),
     PLAIN(U64, "source.position", position),
     PLAIN(U64, "source.length", length),
+    TEXT("source.between", between),
+    PLAIN(DOUBLE, "source.delay_s", between_delay_s),
     PLAIN(DOUBLE, "source.hour", hour),
     PLAIN(U32, "source.day", day),
     PLAIN(DOUBLE, "place.latitude", latitude),

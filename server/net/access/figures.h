@@ -49,6 +49,8 @@ struct server_figures {
     int64_t since_us;                   /* wall clock when source or detail changed; 0: unknown */
     char kind[16];                      /* "files", "sky", "folder" (watched) or "producer" */
     uint64_t position, length;          /* of the frame shown, in the source, from 0; length 0: unknown or endless */
+    char between[96];                   /* what happens between two skies that come by themselves; "": nothing */
+    double between_delay_s;             /* images are so far behind the skies then */
     bool has_hour, has_sun, has_place;  /* a computed sky: hour and sun are known; weather: also the place */
     double hour;                        /* solar time, 0..24; of weather: local standard time */
     uint32_t day;                       /* of weather: of the year, from 1 */

@@ -28,6 +28,7 @@ struct daemon_config {
     int part_floats;    /* enum part_floats */
     struct refiner_wish converge; /* error 0: still images are not refined */
     double image_s;               /* limit on the time per image for controllers' settings */
+    double between_delay;         /* s that images between skies are behind; below 0: one interval */
     double rate;                  /* frames per second from the source; 0: as fast as they are rendered */
     double h264_bits;             /* maximum bits per second of the full-size track; 0: by size and rate */
     struct setting_texts publish_urls;

@@ -180,8 +180,13 @@ enum err ingest_thread_create(struct shared *shared, struct ingest_thread **out,
     t->shared = shared;
     struct source_desc source = shared->config.setup.source_desc;
     source.wait = true;
-    const enum err e = shared->config.push ? start_decoder(t, why) : source_open(&source, &t->source, why);
+    enum err e = shared->config.push ? start_decoder(t, why) : source_open(&source, &t->source, why);
+    const bool comes = !t->source || source_kind(t->source) == SOURCE_WATCH || source_kind(t->source) == SOURCE_LIVE;
+    if (!e && comes && glide_create(&shared->config, &t->glide))
+        e = err_say(why, ERR_NOMEM, "out of memory");
     if (e) {
+        decoder_destroy(t->decoder);
+        source_close(t->source);
         mem_free(t);
         return e;
     }
@@ -207,5 +212,6 @@ void ingest_thread_destroy(struct ingest_thread *t)
         pthread_join(t->thread, NULL);
     decoder_destroy(t->decoder);
     source_close(t->source);
+    glide_destroy(t->glide);
     mem_free(t);
 }

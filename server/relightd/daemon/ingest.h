@@ -29,6 +29,7 @@ struct ingest_thread {
     struct shared *shared;
     struct source *source;   /* NULL: producers send the frames */
     struct decoder *decoder; /* NULL: files are decoded in this process */
+    struct glide *glide;     /* NULL: no images between skies */
     unsigned said;           /* by environment_report */
     bool has_sun;            /* the map of sun_ms, which had */
     struct sun_place sun;    /* this one */
@@ -58,3 +59,18 @@ void ingest_sleep_ms(int64_t ms);
 /* Reads until the program stops: from t->source, or from producers. */
 void ingest_from_source(struct ingest_thread *t, struct reason *why);
 void ingest_from_producers(struct ingest_thread *t, struct reason *why);
+
+/* ---- Images between skies (ingest_between.c) ---- */
+
+struct glide;
+
+/* *out NULL: --between off. ERR_NOMEM. */
+MUST_CHECK enum err glide_create(const struct daemon_config *c, struct glide **out);
+void glide_destroy(struct glide *g); /* NULL is allowed */
+void glide_forget(struct glide *g);  /* what comes next follows nothing; NULL is allowed */
+
+/* Notes a sky that arrived. True: glide_step shows it; false: it is to be shown as it is. */
+bool glide_take(struct ingest_thread *t, const struct frame *f);
+bool glide_is_moving(const struct ingest_thread *t);           /* whether more images are to come before the next sky */
+int glide_wait_ms(const struct ingest_thread *t, int most_ms); /* until the next image, at most so long */
+const struct frame *glide_step(struct ingest_thread *t);       /* the sky of the next image if it is due, else NULL */

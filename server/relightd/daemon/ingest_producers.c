@@ -56,7 +56,9 @@ static enum server_source take(struct ingest_thread *t, const struct frame *f, c
 void ingest_from_producers(struct ingest_thread *t, struct reason *why)
 {
     struct shared *shared = t->shared;
+    static const struct server_ticket none = { 0 };
     struct frame f = { 0 };
+    const struct frame *shown = &f; /* or one between two */
     struct server_ticket ticket = { 0 };
     enum server_source reported = SERVER_WAITING;
     uint64_t version = 0;
@@ -66,17 +68,27 @@ void ingest_from_producers(struct ingest_thread *t, struct reason *why)
     while (!shared_is_stopping(shared)) {
         const struct settings now = settings_now(&shared->settings);
         if (!lockstep || handoff_wait_taken(&shared->frames.handoff, 0)) /* new settings replace no lockstep frame */
-            ingest_relight(t, &f, now.light_version, &version, why);
+            ingest_relight(t, shown, now.light_version, &version, why);
         reported = report_pause(t, now.paused, any, reported);
         /* A pause holds live frames only: lockstep sequences do not know of settings. */
-        if (!server_take_frame(shared->server, &f, &ticket, !now.paused, now.paused ? PAUSE_MS : TAKE_MS)) {
+        const int wait_ms = now.paused ? PAUSE_MS : glide_wait_ms(t, TAKE_MS);
+        if (!server_take_frame(shared->server, &f, &ticket, !now.paused, wait_ms)) {
+            const struct frame *between = now.paused || lockstep ? NULL : glide_step(t);
+            if (between && !ingest_frame(t, between, &none, why))
+                shown = between;
             reported = report_idle(t, reported);
             continue;
         }
         any = true;
         lockstep = ticket.lockstep;
         version = now.light_version;
-        reported = take(t, &f, &ticket, reported, why);
+        shown = &f;
+        if (lockstep)
+            glide_forget(t->glide);
+        else if (glide_take(t, &f))
+            shown = glide_step(t);
+        shown = shown ? shown : &f;
+        reported = take(t, shown, &ticket, reported, why);
         if (reported == SERVER_FAILED)
             f.kind = FRAME_NONE; /* new settings do not make it better */
     }

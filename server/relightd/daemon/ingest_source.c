@@ -20,13 +20,14 @@ struct pull {
     struct ingest_thread *t;
     struct shared *shared;
     struct reason *why;
-    struct frame frame;  /* the current one; kind FRAME_NONE before the first */
-    struct frame coming; /* buffer for the next */
-    uint64_t count;      /* frames requested */
-    uint64_t version;    /* light_version with which the current frame was read */
-    int64_t next_ms;     /* when the next frame is due, if the source has a rate */
-    int64_t failure_ms;  /* how long to wait after a bad frame */
-    uint64_t used;       /* of these, those that gave an image */
+    struct frame frame;        /* the current one; kind FRAME_NONE before the first */
+    const struct frame *shown; /* it, or one between two */
+    struct frame coming;       /* buffer for the next */
+    uint64_t count;            /* frames requested */
+    uint64_t version;          /* light_version with which the current frame was read */
+    int64_t next_ms;           /* when the next frame is due, if the source has a rate */
+    int64_t failure_ms;        /* how long to wait after a bad frame */
+    uint64_t used;             /* of these, those that gave an image */
     bool failed, ended, reported_end, paused;
     struct reason silence; /* what was reported when `lost` was set */
     bool lost;             /* a live stream is not connected, which was reported */
@@ -41,7 +42,7 @@ static double rate_of(const struct pull *p)
 
 static void relight(struct pull *p)
 {
-    ingest_relight(p->t, &p->frame, settings_now(&p->shared->settings).light_version, &p->version, p->why);
+    ingest_relight(p->t, p->shown, settings_now(&p->shared->settings).light_version, &p->version, p->why);
 }
 
 /* Steps and seeks as controllers asked since the last call. */
@@ -204,7 +205,9 @@ static void take_frame(struct pull *p, enum err read)
 
         p->frame = p->coming;
         p->coming = before;
-        e = ingest_frame(p->t, &p->frame, &none, p->why);
+        p->shown = glide_take(p->t, &p->frame) ? glide_step(p->t) : NULL;
+        p->shown = p->shown ? p->shown : &p->frame;
+        e = ingest_frame(p->t, p->shown, &none, p->why);
     }
     p->version = version;
     p->count++;
@@ -228,15 +231,30 @@ static void take_frame(struct pull *p, enum err read)
     p->reported_end = false;
 }
 
+/* Nothing new in a watched folder or from a live stream. */
+static void go_on_without(struct pull *p)
+{
+    static const struct server_ticket none = { 0 };
+    const struct frame *between = p->paused ? NULL : glide_step(p->t);
+
+    ingest_wait_prepared(p->t);
+    report_silence(p);
+    if (between && !ingest_frame(p->t, between, &none, p->why))
+        p->shown = between;
+    relight(p);
+}
+
 void ingest_from_source(struct ingest_thread *t, struct reason *why)
 {
     struct shared *shared = t->shared;
     struct pull p = { .t = t, .shared = shared, .why = why, .next_ms = clock_ms() };
 
     p.version = settings_now(&shared->settings).light_version;
+    p.shown = &p.frame;
     while (!shared_is_stopping(shared)) {
         if (!wants_frame(&p))
             continue;
+        source_set_wait(t->source, glide_wait_ms(t, SOURCE_WAIT_MS));
         const enum err e = source_next(t->source, &p.coming, why);
         const bool moved = p.moved;
         p.moved = false;
@@ -245,10 +263,8 @@ void ingest_from_source(struct ingest_thread *t, struct reason *why)
             p.ended = true;
             continue;
         }
-        if (!e && p.coming.kind == FRAME_NONE) { /* nothing new in a watched folder or from a live stream */
-            ingest_wait_prepared(t);
-            report_silence(&p);
-            relight(&p);
+        if (!e && p.coming.kind == FRAME_NONE) {
+            go_on_without(&p);
             continue;
         }
         take_frame(&p, e);

@@ -32,10 +32,19 @@ static const struct setting_choice part_choices[] = {
     { NULL, 0, NULL, 0 },
 };
 
+static const struct setting_choice delay_choices[] = {
+    { "auto", -1, NULL, 0 },
+    { NULL, 0, NULL, 0 },
+};
+
 /* The flags that relightd alone has. */
 static const struct setting table[] = {
     { "rate", "N", "frames per second from the source; 0: as fast as they are shown", "0", SCENE, REAL(0.0, 1000.0),
       AT(rate) },
+    { "between-delay", "SECONDS",
+      "images between skies that come by themselves are so far behind: auto, one interval; 0: the newest sky at once, "
+      "its sun moved on",
+      "auto", EXPERT, SCENE, REAL(0.0, 600.0), OR_WORD(delay_choices), AT(between_delay) },
     { "converge", "E", "refine a still image until its relMSE is E; off: no refinement", "3e-5", EXPERT, RENDERING,
       REAL(1e-9, 10.0), OR_WORD(off_choices), AT(converge.error) },
     { "converge-passes", "N", "or until it has had this many passes of --samples samples", "4096", EXPERT, RENDERING,

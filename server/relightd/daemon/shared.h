@@ -58,6 +58,8 @@ void status_set_view(struct status_board *b, const char *view);
 void status_set_kind(struct status_board *b, const struct shared *shared);
 /* The source's state. detail: a phrase for viewers, "" for none. */
 void status_set_source(struct status_board *b, enum server_source source, const char *detail);
+/* What images between two skies do, and how far (s) they are behind; "": there are none. */
+void status_between(struct status_board *b, const char *what, double delay_s);
 /* The producer disconnected without ending its stream. */
 void status_producer_left(struct status_board *b);
 

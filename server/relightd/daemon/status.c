@@ -164,6 +164,15 @@ void status_set_source(struct status_board *b, enum server_source source, const 
     pthread_mutex_unlock(&b->lock);
 }
 
+void status_between(struct status_board *b, const char *what, double delay_s)
+{
+    pthread_mutex_lock(&b->lock);
+    COPY(b->figures.between, what);
+    b->figures.between_delay_s = delay_s;
+    send_figures(b);
+    pthread_mutex_unlock(&b->lock);
+}
+
 void status_producer_left(struct status_board *b)
 {
     char detail[96] = "the producer disconnected; its last sky stays", time_of_day[16];

@@ -144,6 +144,10 @@ const struct setting settings_table[] = {
     { "rotate-speed", "DEGREES",
       "rotate the environment by so much from frame to frame; one file is then as many frames as --frames says", "0",
       EXPERT, SCENE, LIGHT_PROGRAMS, REAL(-360.0, 360.0), AT(source_desc.turn) },
+    { "between", "HOW", "images between two skies", "fade", SCENE, LIGHT_PROGRAMS, CHOICE(between_choices),
+      AT(source_desc.between.mode) },
+    { "hold", "N", "with --between: images from one sky of a sequence to the next", "1", SCENE, LIGHT_PROGRAMS,
+      WHOLE(1, BETWEEN_HOLD_MAX), AT(source_desc.between.hold) },
     { "layer", "NAME", "layer or part of OpenEXR maps; default: the one named like an image", NULL, EXPERT, SCENE,
       LIGHT_PROGRAMS, TEXT, AT(environment.layer) },
 
@@ -236,6 +240,8 @@ enum err setup_complete(struct setup *s, struct reason *why)
     s->light.classes = initial->classes;
     s->environment.rotation_degrees = initial->rotation_degrees;
     s->environment.scale_stops = initial->scale_stops;
+    s->source_desc.between.layout = s->environment.layout;
+    s->source_desc.between.layer = s->environment.layer;
     s->environment.sun_azimuth = s->sun_azimuth < 0.0 ? 0.0 : s->sun_azimuth == 0.0 ? 360.0 : s->sun_azimuth;
     if (!s->light.cache_file)
         s->light.cache_file = s->light.cache_dir && strcmp(s->light.cache_dir, "off") == 0 ? NULL : "";

@@ -1,1 +1,370 @@
 #include "sky/between/between.h"
+
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/vec.h"
+#include "sky/between/drift.h"
+#include "sky/tables/environment.h"
+#include "sky/tables/layout.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+/* FAR: suns further apart than this from one sky to the next are different ones: at 15 degrees an hour, 80 minutes.
+ * SECOND: a second sun with this share of the first's light is named. */
+#define FAR (20.0 * PI / 180.0)
+#define SECOND 0.25
+
+const struct setting_choice between_choices[] = {
+    { "off", BETWEEN_OFF, "each sky is shown until the next one", 0 },
+    { "fade", BETWEEN_FADE, "the sun moves along its arc, the rest of the sky fades", 0 },
+    { "motion", BETWEEN_MOTION, "clouds move, too, where that explains the next sky better than fading", 0 },
+    { NULL, 0, NULL, 0 },
+};
+
+struct sky {
+    double seconds;
+    uint32_t width, height;
+    float *rest;          /* owned; [height][width][3]: without its sun */
+    size_t capacity;      /* floats */
+    struct sun_patch sun; /* owned */
+    struct frame about;   /* number, time, units, turn, name; no texels */
+    uint64_t serial;      /* counts the skies that were taken */
+};
+
+struct between {
+    struct between_desc desc;
+    struct sky skies[SUN_MARKS]; /* the oldest first */
+    uint32_t count;
+    uint64_t serial;
+    struct environment *reader; /* decodes, and turns other layouts into lat-long */
+    struct drift drift;
+    uint64_t drift_of; /* serial of the later of its two skies; 0: none */
+    unsigned said, said_decoding;
+};
+
+enum { SAID_SIZE = 1, SAID_SECOND = 2, SAID_JUMP = 4, SAID_STILL = 8 };
+
+static void say(struct between *b, unsigned what, const struct sky *s, const char *text)
+{
+    if (!(b->said & what))
+        log_warning("%s: %s", s->about.name, text);
+    b->said |= what;
+}
+
+bool between_is_used(const struct between_desc *d)
+{
+    return d->mode != BETWEEN_OFF && d->hold > 1;
+}
+
+enum err between_create(const struct between_desc *desc, struct between **out)
+{
+    struct between *b = mem_alloc(1, sizeof(*b));
+
+    *out = NULL;
+    if (!b)
+        return ERR_NOMEM;
+    b->desc = *desc;
+    b->reader = environment_create(&(struct environment_desc){
+        .n = 1, .layout = desc->layout, .layer = desc->layer, .max_side = desc->max_side, .lean = true });
+    if (!b->reader) {
+        mem_free(b);
+        return ERR_NOMEM;
+    }
+    *out = b;
+    return ERR_OK;
+}
+
+void between_destroy(struct between *b)
+{
+    if (!b)
+        return;
+    for (uint32_t k = 0; k < SUN_MARKS; k++) {
+        mem_free(b->skies[k].rest);
+        sun_patch_finish(&b->skies[k].sun);
+    }
+    environment_destroy(b->reader);
+    drift_finish(&b->drift);
+    mem_free(b);
+}
+
+void between_forget(struct between *b)
+{
+    b->count = 0;
+    b->drift_of = 0;
+}
+
+uint32_t between_count(const struct between *b)
+{
+    return b->count;
+}
+
+double between_seconds(const struct between *b, uint32_t k)
+{
+    assert(k < b->count);
+    return b->skies[k].seconds;
+}
+
+/* ---- Taking skies ---- */
+
+/* The reader's image as lat-long texels; another layout is looked up, as the background is. */
+static void copy_texels(struct between *b, bool latlong, struct sky *s)
+{
+    const struct environment *e = b->reader;
+
+    if (latlong) {
+        memcpy(s->rest, e->image.rgb, 3 * (size_t)s->width * s->height * sizeof(float));
+        return;
+    }
+#pragma omp parallel for schedule(static)
+    for (uint32_t y = 0; y < s->height; y++)
+        for (uint32_t x = 0; x < s->width; x++) {
+            double w[3];
+            sun_texel_direction(s->width, s->height, x, y, w);
+            environment_lookup(e, (struct vec3){ (float)w[0], (float)w[1], (float)w[2] },
+                               s->rest + 3 * ((size_t)y * s->width + x));
+        }
+}
+
+/* The size of the lat-long image: the image's own, or one with as many texels. */
+static enum err set_size(struct between *b, struct sky *s, bool *latlong, struct reason *why)
+{
+    struct environment *e = b->reader;
+    const struct image *im = &e->image;
+    enum layout layout = e->layout != LAYOUT_AUTO ? e->layout : im->layout;
+    const enum err result = layout == LAYOUT_AUTO ? layout_guess(im->width, im->height, e->name, &layout, why)
+                                                  : layout_fits(layout, im->width, im->height, e->name, why);
+
+    if (result)
+        return result;
+    *latlong = layout == LAYOUT_LATLONG;
+    s->width = im->width;
+    s->height = im->height;
+    if (*latlong)
+        return ERR_OK;
+    s->height = (uint32_t)(2.0 * ceil(0.5 * sqrt(0.5 * im->width * im->height)));
+    s->width = 2 * s->height;
+    return environment_rebuild(e, why);
+}
+
+static enum err reserve(struct sky *s)
+{
+    const size_t floats = 3 * (size_t)s->width * s->height;
+
+    if (floats <= s->capacity)
+        return ERR_OK;
+    mem_free(s->rest);
+    s->rest = mem_alloc(floats, sizeof(float));
+    s->capacity = s->rest ? floats : 0;
+    return s->rest ? ERR_OK : ERR_NOMEM;
+}
+
+/* Room for one more sky: the place after the last, which moves the oldest out of a full window. */
+static struct sky *next_place(struct between *b)
+{
+    if (b->count == SUN_MARKS) {
+        const struct sky oldest = b->skies[0];
+        memmove(b->skies, b->skies + 1, (SUN_MARKS - 1) * sizeof(oldest));
+        b->skies[SUN_MARKS - 1] = oldest;
+        b->count--;
+    }
+    return &b->skies[b->count];
+}
+
+static void describe(struct sky *s, const struct frame *f)
+{
+    s->about = (struct frame){ .number = f->number, .capture_us = f->capture_us, .units = f->units, .turn = f->turn };
+    memcpy(s->about.name, f->name, sizeof(s->about.name));
+}
+
+enum err between_take(struct between *b, const struct frame *f, double seconds, const struct image_decoder *decoder,
+                      struct reason *why)
+{
+    struct environment *e = b->reader;
+    struct sky size;
+    bool latlong = false;
+
+    e->decoder = decoder;
+    enum err result = environment_decode(e, f, why);
+    e->decoder = NULL;
+    e->rotation = 0.0; /* what turns the map turns the result */
+    if (!result)
+        result = set_size(b, &size, &latlong, why);
+    if (result)
+        return result;
+    environment_report(e, &b->said_decoding);
+    struct sky *last = b->count > 0 ? &b->skies[b->count - 1] : NULL;
+    if (last && (last->width != size.width || last->height != size.height)) {
+        say(b, SAID_SIZE, last, "the next sky has another size: there are no images between skies of different sizes");
+        between_forget(b);
+    }
+    struct sky *s = next_place(b);
+    s->width = size.width;
+    s->height = size.height;
+    if (reserve(s))
+        return err_say(why, ERR_NOMEM, "%s: out of memory", f->name);
+    copy_texels(b, latlong, s);
+    s->seconds = seconds;
+    describe(s, f);
+    if (sun_patch_take(s->rest, s->width, s->height, &s->sun))
+        return err_say(why, ERR_NOMEM, "%s: out of memory", f->name);
+    if (s->sun.found && s->sun.others > SECOND && b->desc.mode != BETWEEN_OFF)
+        say(b, SAID_SECOND, s, "there is more than one sun: the brightest moves, the others fade");
+    s->serial = ++b->serial;
+    b->count++;
+    return ERR_OK;
+}
+
+/* ---- Showing skies ---- */
+
+static double angle_between(const double a[3], const double b[3])
+{
+    return acos(fmax(-1.0, fmin(1.0, a[0] * b[0] + a[1] * b[1] + a[2] * b[2])));
+}
+
+/* Whether two skies in a row have one sun, as far as is seen. */
+static bool same_sun(const struct sky *a, const struct sky *b)
+{
+    return !a->sun.found || !b->sun.found || angle_between(a->sun.direction, b->sun.direction) < FAR;
+}
+
+/* The marks of the sun that is in the window's skies from..to, and around them as long as it is the same. */
+static uint32_t collect_marks(const struct between *b, uint32_t from, uint32_t to, struct sun_mark *marks)
+{
+    uint32_t count = 0;
+
+    while (from > 0 && same_sun(&b->skies[from - 1], &b->skies[from]))
+        from--;
+    while (to + 1 < b->count && same_sun(&b->skies[to], &b->skies[to + 1]))
+        to++;
+    for (uint32_t k = from; k <= to; k++) {
+        const struct sky *s = &b->skies[k];
+        if (s->sun.found)
+            marks[count++] =
+                (struct sun_mark){ s->seconds, { s->sun.direction[0], s->sun.direction[1], s->sun.direction[2] } };
+    }
+    return count;
+}
+
+static void put(const struct sky *s, const struct sun_patch *sun, const double direction[3], double share, float *rgb)
+{
+    const double energy[3] = { share * sun->energy[0], share * sun->energy[1], share * sun->energy[2] };
+
+    if (sun->found && share > 0.0)
+        sun_put(rgb, s->width, s->height, direction, sun->radius, energy);
+}
+
+/* The suns of skies k and k + 1 at t of the way. */
+static void put_suns(struct between *b, uint32_t k, double t, float *rgb)
+{
+    const struct sky *first = &b->skies[k], *second = first + 1;
+    struct sun_mark marks[SUN_MARKS];
+    double w[3];
+
+    if (!same_sun(first, second)) {
+        say(b, SAID_JUMP, second, "the sun is far from where it was: the two fade");
+        put(first, &first->sun, first->sun.direction, 1.0 - t, rgb);
+        put(second, &second->sun, second->sun.direction, t, rgb);
+        return;
+    }
+    const uint32_t count = collect_marks(b, k, k + 1, marks);
+    if (count == 0)
+        return;
+    sun_way(marks, count, first->seconds + t * (second->seconds - first->seconds), w);
+    struct sun_patch sun = { .found = true };
+    for (int c = 0; c < 3; c++)
+        sun.energy[c] = (1.0 - t) * (first->sun.found ? first->sun.energy[c] : 0.0) +
+                        t * (second->sun.found ? second->sun.energy[c] : 0.0);
+    const double r0 = first->sun.found ? first->sun.radius : second->sun.radius;
+    sun.radius = first->sun.found && second->sun.found ? (1.0 - t) * r0 + t * second->sun.radius : r0;
+    if (first->sun.found || second->sun.found)
+        put(first, &sun, w, 1.0, rgb);
+}
+
+/* The motion from sky k to k + 1, if clouds move; found once. */
+static enum err find_drift(struct between *b, uint32_t k, const struct drift **out)
+{
+    const struct sky *first = &b->skies[k], *second = first + 1;
+
+    *out = NULL;
+    if (b->desc.mode != BETWEEN_MOTION)
+        return ERR_OK;
+    if (b->drift_of != second->serial) {
+        if (drift_find(&b->drift, first->rest, second->rest, first->width, first->height))
+            return ERR_NOMEM;
+        b->drift_of = second->serial;
+        if (!b->drift.moves)
+            say(b, SAID_STILL, second, "no motion of clouds explains this sky better than fading does: it fades");
+    }
+    *out = &b->drift;
+    return ERR_OK;
+}
+
+/* A sky as it came, or, after the last one, with its sun moved on. */
+static void show_one(const struct between *b, uint32_t k, double seconds, float *rgb)
+{
+    const struct sky *s = &b->skies[k];
+    struct sun_mark marks[SUN_MARKS];
+    double w[3];
+
+    memcpy(rgb, s->rest, 3 * (size_t)s->width * s->height * sizeof(float));
+    const uint32_t count = collect_marks(b, k, k, marks);
+    if (seconds <= s->seconds || k + 1 < b->count || count < 2 || !s->sun.found || b->desc.mode == BETWEEN_OFF) {
+        sun_patch_restore(&s->sun, rgb);
+        return;
+    }
+    sun_way(marks, count, fmin(seconds, 2.0 * s->seconds - marks[count - 2].seconds), w);
+    put(s, &s->sun, w, 1.0, rgb);
+}
+
+static void set_about(const struct between *b, uint32_t k, double t, struct frame *out)
+{
+    const struct frame *f = &b->skies[k].about;
+    double turn = 0.0;
+
+    if (t > 0.0) /* the shorter way round */
+        turn = t * remainder(b->skies[k + 1].about.turn - f->turn, 360.0);
+    out->number = f->number;
+    out->capture_us = f->capture_us;
+    out->units = f->units;
+    out->turn = f->turn + turn;
+    snprintf(out->layout, sizeof(out->layout), "latlong");
+    memcpy(out->name, f->name, sizeof(out->name));
+}
+
+enum err between_show(struct between *b, double seconds, struct frame *out)
+{
+    const struct drift *drift;
+    uint32_t k = 0;
+
+    assert(b->count > 0);
+    while (k + 1 < b->count && b->skies[k + 1].seconds <= seconds)
+        k++;
+    const struct sky *s = &b->skies[k];
+    if (frame_reserve_texels(out, s->width, s->height))
+        return ERR_NOMEM;
+    if (k + 1 == b->count || seconds <= s->seconds || b->desc.mode == BETWEEN_OFF) {
+        show_one(b, k, seconds, out->rgb);
+        set_about(b, k, 0.0, out);
+        return ERR_OK;
+    }
+    const struct sky *second = s + 1;
+    const double t = (seconds - s->seconds) / (second->seconds - s->seconds);
+    if (find_drift(b, k, &drift))
+        return ERR_NOMEM;
+    drift_blend(drift, s->rest, second->rest, s->width, s->height, t, out->rgb);
+    put_suns(b, k, t, out->rgb);
+    set_about(b, k, t, out);
+    return ERR_OK;
+}
+
+const char *between_state(const struct between *b)
+{
+    if (b->desc.mode == BETWEEN_OFF)
+        return "each sky is shown until the next";
+    if (b->desc.mode == BETWEEN_MOTION && b->drift_of && b->drift.moves)
+        return "the sun and the clouds move";
+    return "the sun moves, the rest fades";
+}

@@ -1,2 +1,68 @@
-/* Skies between captured skies. */
+/* Skies between captured skies. A camera takes a sky every few seconds, at irregular times; this gives the sky at any
+ * time between two of them. The sun is taken out of both (sun_patch.h), moves along its arc with the energy that is
+ * interpolated linearly, and is put back; the rest fades, or its clouds move (drift.h). What a camera did is undone
+ * first.
+ *
+ * A window of the last SUN_MARKS skies is kept, decoded, as lat-long images of the first one's size. Times are seconds
+ * on any one clock. The result depends on the skies in the window and the time alone, not on the number of threads.
+ *
+ * Thread: one per struct between; OpenMP is used. */
 #pragma once
+
+#include "base/err.h"
+#include "base/setting.h"
+#include "image/codec/decode.h"
+#include "image/codec/frame.h"
+#include "image/codec/image.h"
+#include "sky/between/sun_patch.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+enum between_mode {
+    BETWEEN_OFF,    /* each sky is shown until the next */
+    BETWEEN_FADE,   /* the sun moves, the rest fades */
+    BETWEEN_MOTION, /* clouds move, too, where that explains the next sky better */
+};
+
+extern const struct setting_choice between_choices[];
+
+#define BETWEEN_HOLD_MAX 1000
+
+struct between_desc {
+    enum between_mode mode;
+    uint32_t hold;      /* of a sequence: images from one sky to the next; 0: 1 */
+    enum layout layout; /* as environment_desc; */
+    const char *layer;  /* likewise; borrowed */
+    uint32_t max_side;  /* likewise */
+};
+
+/* Whether images differ from the source's frames. */
+bool between_is_used(const struct between_desc *d);
+
+struct between;
+
+MUST_CHECK enum err between_create(const struct between_desc *desc, struct between **out);
+void between_destroy(struct between *b); /* NULL is allowed */
+
+/* Decodes f, the sky at `seconds`, which must be later than the window's last, and adds it to the window. decoder: as
+ * environment_desc.decoder, borrowed for the call. A sky of another size empties the window first, with a word in the
+ * log. Errors of environment_decode, with *why; the window is unchanged then. */
+MUST_CHECK enum err between_take(struct between *b, const struct frame *f, double seconds,
+                                 const struct image_decoder *decoder, struct reason *why);
+
+/* Empties the window: what follows has nothing to do with what was before. */
+void between_forget(struct between *b);
+
+/* How many skies the window has, and the time of one, from the oldest, 0. */
+uint32_t between_count(const struct between *b);
+double between_seconds(const struct between *b, uint32_t k);
+
+/* The sky at a time, as texels of a lat-long image; number, name, time and units are those of the last sky at or before
+ * it. At a sky's own time, and with BETWEEN_OFF, it is that sky, bit for bit. Before the first: the first. After the
+ * last: it with its sun moved on, by up to the last interval. The window must not be empty. ERR_NOMEM. */
+MUST_CHECK enum err between_show(struct between *b, double seconds, struct frame *out);
+
+/* What happens between the window's last two skies, for people: "clouds move", "fades: no motion explains the next sky
+ * better". Static. */
+const char *between_state(const struct between *b);

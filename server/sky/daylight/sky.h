@@ -70,6 +70,20 @@ void sky_radiance(const struct sky_state *s, const double w[3], double rgb[3]);
  * on the number of threads. */
 void sky_render(const struct sky_desc *d, const struct sky_state *s, float *rgb);
 
+/* A disc of uniform radiance in a lat-long image of width x height texels. */
+struct sky_disc {
+    double theta, phi;  /* of its centre, where w = (sin theta sin phi, cos theta, sin theta cos phi) */
+    double radius;      /* radians, below pi / 2 */
+    double solid_angle; /* sr, of its part in the rows */
+    double radiance[3]; /* added to a texel that it covers */
+    uint32_t width, height;
+    uint32_t first, end; /* rows that take it, from the top; rgb begins with row `first` */
+};
+
+/* Adds the disc's energy to the texels it covers, in proportion to the covered solid angle: radiance x solid_angle in
+ * all, exactly. */
+void sky_add_disc(const struct sky_disc *d, float *rgb);
+
 /* ---- The model ---- */
 
 /* The physics behind sky.h, each part from its paper: atmospheric transmission, and the luminance

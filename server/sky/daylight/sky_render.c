@@ -156,9 +156,9 @@ static void render_dome(const struct sky_desc *d, const struct sky_state *s, flo
 
 /* Half extent in azimuth of the disc on the circle of zenith angle z; 0 outside the disc, pi where the whole circle is
  * inside (the disc contains a pole). */
-static double half_width(double sun_theta, double z)
+static double half_width(double radius, double sun_theta, double z)
 {
-    const double across = sin(z) * sin(sun_theta), rise = cos(SKY_SUN_RADIUS) - cos(z) * cos(sun_theta);
+    const double across = sin(z) * sin(sun_theta), rise = cos(radius) - cos(z) * cos(sun_theta);
 
     if (rise >= across)
         return 0.0;
@@ -177,25 +177,27 @@ static double overlap(double lo, double hi, double a, double b)
 #define SLICES 32
 
 struct sun_grid {
-    double theta, phi; /* of the disc's centre */
+    double theta, phi, radius; /* of the disc */
     uint32_t width, height;
-    uint32_t row_begin, row_end; /* rows above the horizon */
-    long column;                 /* the first column, modulo the width */
-    uint32_t columns;            /* at most width + 1: the last may equal the first */
+    uint32_t row_begin, row_end;
+    long column;      /* the first column, modulo the width */
+    uint32_t columns; /* at most width + 1: the last may equal the first */
 };
 
-static void find_grid(const struct sky_desc *d, const struct sky_state *s, struct sun_grid *g)
+static void find_grid(const struct sky_disc *d, struct sun_grid *g)
 {
-    const double r = SKY_SUN_RADIUS, texel = 2.0 * PI / d->width;
+    const double r = d->radius, texel = 2.0 * PI / d->width;
 
-    g->theta = 0.5 * PI - s->sun_elevation;
-    g->phi = atan2(s->sun_direction[0], s->sun_direction[2]);
+    g->theta = d->theta;
+    g->phi = d->phi;
+    g->radius = r;
     g->width = d->width;
     g->height = d->height;
     const double begin = (g->theta - r) / PI * d->height, end = (g->theta + r) / PI * d->height + 1.0;
-    g->row_begin = begin > 0.0 ? (uint32_t)begin : 0;
-    g->row_end = end < d->height / 2 ? (uint32_t)end : d->height / 2;
-    const double half = g->theta > r ? asin(sin(r) / sin(g->theta)) : PI; /* the disc's maximum extent in azimuth */
+    g->row_begin = begin > d->first ? (uint32_t)begin : d->first;
+    g->row_end = end < d->end ? (uint32_t)end : d->end;
+    const bool pole = g->theta <= r || PI - g->theta <= r;
+    const double half = pole ? PI : asin(sin(r) / sin(g->theta)); /* the disc's maximum extent in azimuth */
     const double columns = ceil(2.0 * half / texel) + 1.0;
     g->column = (long)floor((PI - g->phi - half) / texel);
     g->columns = columns < d->width + 1.0 ? (uint32_t)columns : d->width + 1;
@@ -205,7 +207,7 @@ static void find_grid(const struct sky_desc *d, const struct sky_state *s, struc
  * Simpson's rule across rows. Returns the sum without gain. rgb NULL: only the sum. */
 static double cover_row(const struct sun_grid *g, uint32_t y, const double gain[3], float *rgb)
 {
-    const double r = SKY_SUN_RADIUS, texel = 2.0 * PI / g->width;
+    const double r = g->radius, texel = 2.0 * PI / g->width;
     const double cos_from = (g->theta - PI * y / g->height) / r, cos_to = (g->theta - PI * (y + 1.0) / g->height) / r;
     const double from = cos_from >= 1.0 ? 0.0 : acos(fmax(cos_from, -1.0));
     const double to = cos_to <= -1.0 ? PI : acos(fmin(cos_to, 1.0));
@@ -214,7 +216,7 @@ static double cover_row(const struct sun_grid *g, uint32_t y, const double gain[
     for (int i = 0; i <= SLICES; i++) {
         const double t = from + (to - from) * i / SLICES, z = fabs(g->theta - r * cos(t));
         const double simpson = (i == 0 || i == SLICES ? 1.0 : i % 2 ? 4.0 : 2.0) * (to - from) / (3.0 * SLICES);
-        half[i] = half_width(g->theta, z);
+        half[i] = half_width(r, g->theta, z);
         weight[i] = simpson * sin(z) * r * sin(t);
     }
     for (uint32_t k = 0; k < g->columns; k++) {
@@ -232,27 +234,41 @@ static double cover_row(const struct sun_grid *g, uint32_t y, const double gain[
     return sum;
 }
 
-void sky_add_sun(const struct sky_desc *d, const struct sky_state *s, float *rgb)
+void sky_add_disc(const struct sky_disc *d, float *rgb)
 {
     struct sun_grid g;
     double sum = 0.0;
 
-    if (s->sun_visible <= 0.0)
-        return;
-    find_grid(d, s, &g);
+    find_grid(d, &g);
     for (uint32_t y = g.row_begin; y < g.row_end; y++)
         sum += cover_row(&g, y, NULL, NULL);
     if (sum <= 0.0)
         return;
     /* Rescale to correct the quadrature error of about 1e-4. */
-    const double right = s->sun_visible * s->sun_solid_angle / sum;
+    const double right = d->solid_angle / sum;
     for (uint32_t y = g.row_begin; y < g.row_end; y++) {
         const double top = cos(PI * y / g.height), bottom = cos(PI * (y + 1.0) / g.height);
         const double per_texel = right * g.width / (2.0 * PI * (top - bottom));
-        const double gain[3] = { per_texel * s->sun_radiance[0], per_texel * s->sun_radiance[1],
-                                 per_texel * s->sun_radiance[2] };
-        cover_row(&g, y, gain, rgb + (size_t)3 * y * g.width);
+        const double gain[3] = { per_texel * d->radiance[0], per_texel * d->radiance[1], per_texel * d->radiance[2] };
+        cover_row(&g, y, gain, rgb + (size_t)3 * (y - d->first) * g.width);
     }
+}
+
+void sky_add_sun(const struct sky_desc *d, const struct sky_state *s, float *rgb)
+{
+    const struct sky_disc disc = {
+        .theta = 0.5 * PI - s->sun_elevation,
+        .phi = atan2(s->sun_direction[0], s->sun_direction[2]),
+        .radius = SKY_SUN_RADIUS,
+        .solid_angle = s->sun_visible * s->sun_solid_angle,
+        .radiance = { s->sun_radiance[0], s->sun_radiance[1], s->sun_radiance[2] },
+        .width = d->width,
+        .height = d->height,
+        .end = d->height / 2,
+    };
+
+    if (s->sun_visible > 0.0)
+        sky_add_disc(&disc, rgb);
 }
 
 void sky_render(const struct sky_desc *d, const struct sky_state *s, float *rgb)

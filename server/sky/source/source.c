@@ -1,13 +1,10 @@
-#include "sky/source/source.h"
+#include "sky/source/source_internal.h"
 
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/vec.h"
 #include "sky/daylight/sun.h"
-#include "sky/source/files.h"
-#include "sky/source/footage.h"
-#include "sky/daylight/sky.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -15,31 +12,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#define WATCH_WAIT_MS 200 /* at most, until a stop is noticed */
-#define FIRST_WAITS 150   /* of these: 30 s for the first image of a live stream */
-
-struct source {
-    struct source_desc desc;
-    enum source_kind kind;
-    struct setting_frames frames;
-    bool loop;
-    bool repeats;           /* SOURCE_FILES: its one file is every frame of the range */
-    struct file_list files; /* SOURCE_FILES: only files within the range */
-    struct watch watch;     /* SOURCE_WATCH */
-    struct sky_desc sky;    /* SOURCE_SKY */
-    uint64_t sky_frame;     /* of the next frame */
-    uint64_t position;      /* of the last frame returned */
-    bool sky_ended;
-    struct daylight *daylight; /* SOURCE_DAYLIGHT */
-    size_t daylight_first;     /* of its frames, the first in the range, */
-    size_t daylight_count;     /* how many of them are, */
-    size_t daylight_next;      /* and the next, from 0 */
-    struct footage *footage;   /* SOURCE_VIDEO */
-    struct live *live;         /* SOURCE_LIVE */
-    uint64_t picture;          /* SOURCE_VIDEO: number of the next; SOURCE_LIVE: of the next to be taken */
-    uint64_t length;           /* SOURCE_VIDEO: images in a pass, once one is over; 0: not yet known */
-    bool video_ended;          /* the pass is over, or the video broke off */
-};
+#define FIRST_WAITS 150 /* of SOURCE_WAIT_MS: 30 s for the first image of a live stream */
 
 static bool starts_with(const char *text, const char *start)
 {
@@ -148,7 +121,10 @@ enum err source_open(const struct source_desc *desc, struct source **out, struct
     s->kind = SOURCE_FILES;
     s->frames = desc->frames;
     s->loop = desc->loop;
-    const enum err e = open_spec(s, desc, why);
+    s->wait_ms = SOURCE_WAIT_MS;
+    enum err e = open_spec(s, desc, why);
+    if (!e && between_is_used(&desc->between) && s->kind != SOURCE_WATCH && s->kind != SOURCE_LIVE)
+        e = held_create(s, &desc->between, why);
     if (e)
         source_close(s);
     else
@@ -166,6 +142,7 @@ void source_close(struct source *s)
     footage_close(s->footage);
     live_stop(s->live);
     daylight_close(s->daylight);
+    held_destroy(s->held);
     mem_free(s);
 }
 
@@ -178,7 +155,7 @@ static void forget(struct frame *f)
 
 static enum err next_file(struct source *s, struct frame *f, struct reason *why)
 {
-    const uint64_t count = source_count(s); /* 0: there is no last */
+    const uint64_t count = source_count_skies(s); /* 0: there is no last */
 
     if (count > 0 && s->files.next == count) {
         if (!s->loop)
@@ -200,7 +177,7 @@ static enum err next_watched(struct source *s, struct frame *f, struct reason *w
 {
     const struct file_item *item = NULL;
 
-    const enum err e = watch_next(&s->watch, WATCH_WAIT_MS, &item, why);
+    const enum err e = watch_next(&s->watch, s->wait_ms, &item, why);
     if (e == ERR_END || (item && s->frames.given && item->number > s->frames.last))
         return ERR_END;
     forget(f);
@@ -280,7 +257,7 @@ static enum err next_picture(struct source *s, struct frame *f, struct reason *w
     enum err e = ERR_OK;
 
     do {
-        e = footage_next(s->footage, WATCH_WAIT_MS, &ready, why);
+        e = footage_next(s->footage, SOURCE_WAIT_MS, &ready, why);
     } while (!e && (!ready || (s->picture++, !in_range(s, s->picture - 1) && s->picture <= s->frames.last)));
     if (e == ERR_END)
         s->length = s->picture;
@@ -336,7 +313,7 @@ static enum err next_live(struct source *s, struct frame *f, struct reason *why)
     if (s->frames.given && s->picture > s->frames.last)
         return ERR_END;
     forget(f);
-    const enum err e = live_next(s->live, WATCH_WAIT_MS, f, why);
+    const enum err e = live_next(s->live, s->wait_ms, f, why);
     if (e || f->kind == FRAME_NONE)
         return e;
     f->number = s->picture++;
@@ -358,13 +335,23 @@ static enum err next(struct source *s, struct frame *f, struct reason *why)
     return ERR_END;
 }
 
-enum err source_next(struct source *s, struct frame *f, struct reason *why)
+enum err source_next_sky(struct source *s, struct frame *f, struct reason *why)
 {
     const enum err e = next(s, f, why);
 
     if (!e && f->kind != FRAME_NONE)
         f->turn = fmod(s->desc.turn * (double)f->number, 360.0);
     return e;
+}
+
+void source_set_wait(struct source *s, int most_ms)
+{
+    s->wait_ms = most_ms;
+}
+
+enum err source_next(struct source *s, struct frame *f, struct reason *why)
+{
+    return s->held ? held_next(s, f, why) : source_next_sky(s, f, why);
 }
 
 /* Frames within the range: counted in a pass, else from the container. */
@@ -389,7 +376,16 @@ static uint64_t range_count(const struct source *s)
     return s->frames.given ? s->frames.last - s->frames.first + 1 : 0;
 }
 
-uint64_t source_count(const struct source *s)
+uint64_t source_first_number(const struct source *s)
+{
+    switch (s->kind) {
+    case SOURCE_FILES: return s->repeats ? s->frames.first : s->files.items[0].number;
+    case SOURCE_DAYLIGHT: return daylight_moment(s->daylight, s->daylight_first)->number;
+    default: return s->frames.given ? s->frames.first : 0;
+    }
+}
+
+uint64_t source_count_skies(const struct source *s)
 {
     switch (s->kind) {
     case SOURCE_FILES: return s->repeats ? range_count(s) : s->files.count;
@@ -400,6 +396,11 @@ uint64_t source_count(const struct source *s)
     case SOURCE_DAYLIGHT: return s->daylight_count;
     }
     return 0;
+}
+
+uint64_t source_count(const struct source *s)
+{
+    return s->held ? held_count(s) : source_count_skies(s);
 }
 
 double source_rate(const struct source *s)
@@ -424,7 +425,7 @@ enum source_kind source_kind(const struct source *s)
 
 uint64_t source_position(const struct source *s)
 {
-    return s->position;
+    return s->held ? held_position(s) : s->position;
 }
 
 /* By time: exact where the images are evenly spaced. */
@@ -446,9 +447,9 @@ static bool seek_video(struct source *s, uint64_t picture)
     return true;
 }
 
-bool source_seek(struct source *s, uint64_t position)
+bool source_seek_sky(struct source *s, uint64_t position)
 {
-    const uint64_t length = source_count(s);
+    const uint64_t length = source_count_skies(s);
 
     if (s->kind == SOURCE_WATCH || s->kind == SOURCE_LIVE || (length > 0 && position >= length))
         return false;
@@ -467,10 +468,15 @@ bool source_seek(struct source *s, uint64_t position)
     return true;
 }
 
+bool source_seek(struct source *s, uint64_t position)
+{
+    return s->held ? held_seek(s, position) : source_seek_sky(s, position);
+}
+
 bool source_step(struct source *s, int64_t by)
 {
     const int64_t length = (int64_t)source_count(s), last = (int64_t)FRAME_NUMBER_MAX;
-    int64_t to = (int64_t)s->position; /* at most `last`, as is the sum */
+    int64_t to = (int64_t)source_position(s); /* at most `last`, as is the sum */
 
     by = by < -last ? -last : by > last - to ? last - to : by;
     to += by;
@@ -495,8 +501,9 @@ bool source_set_hour(struct source *s, double hour)
     if (s->kind != SOURCE_SKY)
         return false;
     const double midnight = 24.0 * floor(sky_hours(s) / 24.0);
-    s->sky.hour = midnight + hour - s->sky.speed_hours * (double)s->sky_frame;
+    s->sky.hour = midnight + hour - s->sky.speed_hours * (double)(s->held ? s->position : s->sky_frame);
     s->sky_ended = false;
+    held_restart(s);
     return true;
 }
 
@@ -568,5 +575,5 @@ bool source_set_moment(struct source *s, uint32_t day, double hour)
             found = i;
         }
     }
-    return source_seek(s, found);
+    return source_seek(s, found * (s->held ? s->desc.between.hold : 1));
 }

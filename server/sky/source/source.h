@@ -27,6 +27,7 @@
 #include "base/setting.h"
 #include "image/codec/frame.h"
 #include "import/decoder/decoder.h"
+#include "sky/between/between.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -43,10 +44,13 @@ struct source_desc {
     struct setting_frames frames; /* only frames with these numbers */
     bool loop;                    /* restart after the last frame; numbers repeat */
     double turn; /* degrees from frame to frame (frame.turn); a single file is then as many frames as `frames` says */
-    struct video_colour colour; /* of videos, instead of what they say; zero: as they say */
-    const char *ca;             /* of network sources: see demux.h */
-    bool wait;                  /* wait for a web server that is down, as for other network sources */
-    unsigned tries;             /* give up on a live stream after this many connections without a frame; 0: never */
+    struct video_colour colour;  /* of videos, instead of what they say; zero: as they say */
+    const char *ca;              /* of network sources: see demux.h */
+    bool wait;                   /* wait for a web server that is down, as for other network sources */
+    struct between_desc between; /* with `hold` above 1, that many images from one frame to the next, of sources that
+                                    can be sought in; frames and positions are images then, numbered from hold times the
+                                    first frame's number */
+    unsigned tries;              /* give up on a live stream after this many connections without a frame; 0: never */
 };
 
 bool source_has_video(void); /* whether this build reads videos and live streams */
@@ -63,9 +67,13 @@ void source_close(struct source *s); /* NULL is allowed */
  * with the following frame.
  * Capture time: the modification time for `watch:` (0 and a line in the log if it is beyond FRAME_CAPTURE_MAX_US), the
  * time of computation for a sky, a live stream's time stamp, else 0 (unknown), since the files may be years old.
- * `watch:` and live streams block for at most 200 ms and then return ERR_OK with FRAME_NONE, so that the caller can
+ * `watch:` and live streams block for at most SOURCE_WAIT_MS, or source_set_wait, and then return ERR_OK with FRAME_NONE, so that the caller can
  * stop. */
 MUST_CHECK enum err source_next(struct source *s, struct frame *f, struct reason *why);
+
+#define SOURCE_WAIT_MS 200
+
+void source_set_wait(struct source *s, int most_ms); /* 0 and more */
 
 /* Opens a source, reads its first frame and closes it; blocks for up to 30 s for that of a live stream. Errors of
  * source_open and source_next; ERR_IO also if there is no frame. */

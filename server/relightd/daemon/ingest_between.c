@@ -1,0 +1,192 @@
+/* Images between the skies of a producer, a watched folder or a live stream. They come when the sender has them, so
+ * what is shown is one interval behind: when a sky arrives, images glide to it in the time after which the next is
+ * expected. With --between-delay 0 the newest sky is shown at once, and its sun moves on until the next. */
+#include "relightd/daemon/ingest.h"
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+
+#include <math.h>
+#include <string.h>
+
+/* SLOW: skies at least so far apart (s) are worth images between them, and so many images' time. LONGEST: after a
+ * longer pause (s) the next sky is shown at once. BEFORE: skies that must have come slowly first, so that the interval
+ * is known. */
+#define SLOW 0.5
+#define SLOW_IMAGES 2.0
+#define LONGEST 300.0
+#define BEFORE 3
+#define INTERVALS 3
+
+struct glide {
+    struct between *between;
+    struct frame shown;          /* the last image's sky */
+    double intervals[INTERVALS]; /* s, between the arrivals of the last skies */
+    uint32_t count;              /* skies that came slowly, one after another; with this one */
+    double arrived_s;            /* clock_seconds of the last sky; 0: none yet */
+    int64_t capture_us;          /* of the last sky */
+    double moment;               /* what is shown, in the window's seconds, */
+    double from, to;             /* on the way from here to there */
+    double begun_s, lasts_s;     /* by the clock: from when on, for how long */
+    double due_s;                /* the next image */
+    bool active;
+};
+
+enum err glide_create(const struct daemon_config *c, struct glide **out)
+{
+    struct between_desc desc = c->setup.source_desc.between;
+    struct glide *g = NULL;
+
+    *out = NULL;
+    desc.max_side = c->max_side;
+    if (desc.mode == BETWEEN_OFF)
+        return ERR_OK;
+    g = mem_alloc(1, sizeof(*g));
+    if (!g || between_create(&desc, &g->between)) {
+        mem_free(g);
+        return ERR_NOMEM;
+    }
+    *out = g;
+    return ERR_OK;
+}
+
+void glide_destroy(struct glide *g)
+{
+    if (!g)
+        return;
+    between_destroy(g->between);
+    frame_finish(&g->shown);
+    mem_free(g);
+}
+
+void glide_forget(struct glide *g)
+{
+    if (!g)
+        return;
+    between_forget(g->between);
+    g->count = 0;
+    g->active = false;
+    g->arrived_s = 0.0;
+}
+
+/* The middle one of the last intervals: one late sky does not change the pace. */
+static double usual_interval(const struct glide *g)
+{
+    const double a = g->intervals[0], b = g->intervals[1], c = g->intervals[2];
+
+    return fmax(fmin(a, b), fmin(fmax(a, b), c));
+}
+
+/* Notes that a sky arrived. Returns whether skies come so slowly that images belong between them. */
+static bool is_slow(struct glide *g, double fps)
+{
+    const double now = clock_seconds(), interval = now - g->arrived_s;
+    const bool slow = g->arrived_s > 0.0 && interval >= fmax(SLOW, SLOW_IMAGES / fps) && interval <= LONGEST;
+
+    memmove(g->intervals + 1, g->intervals, (INTERVALS - 1) * sizeof(*g->intervals));
+    g->intervals[0] = interval;
+    g->count = g->arrived_s > 0.0 && !slow ? 1 : g->count + 1;
+    g->arrived_s = now;
+    return g->count >= BEFORE;
+}
+
+/* When the sky was taken, on the window's clock: by its capture time if that goes on, else when it came. */
+static double seconds_of(const struct glide *g, const struct frame *f)
+{
+    const uint32_t count = between_count(g->between);
+    const double last = count > 0 ? between_seconds(g->between, count - 1) : 0.0;
+    const double later = 1e-6 * (double)(f->capture_us - g->capture_us);
+
+    if (count == 0)
+        return 0.0;
+    if (f->capture_us != 0 && g->capture_us != 0 && later > 0.0 && later < 10.0 * LONGEST)
+        return last + later;
+    return last + g->intervals[0];
+}
+
+static double delay_of(const struct ingest_thread *t)
+{
+    const double asked = t->shared->config.between_delay;
+
+    return asked >= 0.0 ? asked : usual_interval(t->glide);
+}
+
+bool glide_take(struct ingest_thread *t, const struct frame *f)
+{
+    const struct image_decoder decoder = { decoder_decode, t->decoder };
+    struct glide *g = t->glide;
+    struct reason why;
+
+    if (!g)
+        return false;
+    const bool slow = is_slow(g, settings_now(&t->shared->settings).fps);
+    if (!slow && g->active)
+        log_info("skies come faster than twice a second, or after a long pause: each is shown as it comes");
+    if (!slow && g->active)
+        status_between(&t->shared->status, "", 0.0);
+    if (!slow) {
+        between_forget(g->between);
+        g->active = false;
+    }
+    const double seconds = seconds_of(g, f);
+    if (!slow || between_take(g->between, f, seconds, t->decoder ? &decoder : NULL, &why)) {
+        g->capture_us = f->capture_us;
+        return false; /* it will be refused, with this reason, where it is decoded for its image */
+    }
+    g->capture_us = f->capture_us;
+    const bool first = between_count(g->between) == 1;
+    if (!g->active)
+        log_info(
+            "skies come every %.3g s: images between them %s, %.3g s behind (--between off shows each as it comes)",
+            usual_interval(g), t->shared->config.setup.source_desc.between.mode == BETWEEN_MOTION ? "move" : "fade",
+            delay_of(t));
+    g->active = true;
+    g->lasts_s = delay_of(t);
+    g->begun_s = g->due_s = clock_seconds();
+    g->from = first || g->lasts_s <= 0.0 ? seconds : g->moment;
+    g->to = seconds;
+    g->moment = g->from;
+    status_between(&t->shared->status, between_state(g->between), delay_of(t));
+    return true;
+}
+
+/* What is to be shown now. */
+static double moment_now(const struct glide *g)
+{
+    const double passed = clock_seconds() - g->begun_s;
+
+    if (g->lasts_s > 0.0)
+        return g->from + (g->to - g->from) * fmin(1.0, passed / g->lasts_s);
+    return g->to + passed; /* ahead; the window ends it after an interval */
+}
+
+bool glide_is_moving(const struct ingest_thread *t)
+{
+    const struct glide *g = t->glide;
+
+    if (!g || !g->active)
+        return false;
+    return g->lasts_s > 0.0 ? g->moment < g->to : clock_seconds() - g->begun_s < usual_interval(g);
+}
+
+int glide_wait_ms(const struct ingest_thread *t, int most_ms)
+{
+    if (!glide_is_moving(t))
+        return most_ms;
+    const double left = 1e3 * (t->glide->due_s - clock_seconds());
+    return left < 1.0 ? 1 : left < most_ms ? (int)left : most_ms;
+}
+
+/* The next image, if it is due and the last one is being lit. */
+const struct frame *glide_step(struct ingest_thread *t)
+{
+    struct glide *g = t->glide;
+    const double now = clock_seconds(), fps = settings_now(&t->shared->settings).fps;
+
+    if (!glide_is_moving(t) || now < g->due_s || !handoff_wait_taken(&t->shared->frames.handoff, 0))
+        return NULL;
+    g->moment = moment_now(g);
+    g->due_s = fmax(g->due_s + 1.0 / fps, now);
+    return between_show(g->between, g->moment, &g->shown) ? NULL : &g->shown;
+}

@@ -1,0 +1,221 @@
+/* Several images from one frame of a source to the next: reads the frames around a moment and asks for the sky between
+ * them. Which frames these are depends on the moment alone, so that images are the same in any order. */
+#include "sky/source/source_internal.h"
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+
+#include <assert.h>
+#include <math.h>
+
+#define NONE UINT64_MAX
+#define GAP 4.0 /* a longer interval than so many means is told */
+
+struct held {
+    struct between *between;
+    uint32_t hold;
+    uint64_t image;             /* the next */
+    uint64_t shown;             /* the last one returned */
+    uint64_t loaded[SUN_MARKS]; /* positions of the frames in the window, as its skies */
+    struct frame frame;         /* buffer */
+    double *seconds;            /* [count]: when each frame was taken; NULL: evenly */
+    uint64_t count;
+    bool *missing; /* [count]: it cannot be read; NULL where there is no count */
+};
+
+enum err held_create(struct source *s, const struct between_desc *desc, struct reason *why)
+{
+    struct held *h = s->held = mem_alloc(1, sizeof(*h));
+    enum err e = h ? between_create(desc, &h->between) : ERR_NOMEM;
+
+    if (!e) {
+        h->hold = desc->hold;
+        h->count = source_count_skies(s);
+        h->missing = h->count ? mem_alloc((size_t)h->count, sizeof(*h->missing)) : NULL;
+        e = h->count && !h->missing ? ERR_NOMEM : ERR_OK;
+    }
+    return e ? err_say(why, e, "%s: out of memory", s->desc.spec) : ERR_OK;
+}
+
+void held_destroy(struct held *h)
+{
+    if (!h)
+        return;
+    between_destroy(h->between);
+    frame_finish(&h->frame);
+    mem_free(h->seconds);
+    mem_free(h->missing);
+    mem_free(h);
+}
+
+uint64_t held_count(const struct source *s)
+{
+    const uint64_t skies = s->held->missing ? s->held->count : source_count_skies(s);
+
+    return skies > 0 ? (skies - 1) * s->held->hold + 1 : 0;
+}
+
+uint64_t held_position(const struct source *s)
+{
+    return s->held->shown;
+}
+
+bool held_seek(struct source *s, uint64_t position)
+{
+    const uint64_t count = held_count(s);
+
+    if ((count > 0 && position >= count) || position > FRAME_NUMBER_MAX)
+        return false;
+    s->held->image = position;
+    return true;
+}
+
+void held_restart(struct source *s)
+{
+    struct held *h = s->held;
+
+    if (!h)
+        return;
+    between_forget(h->between);
+    h->image = s->position * h->hold;
+}
+
+static double seconds_of(const struct held *h, uint64_t sky)
+{
+    return h->seconds ? h->seconds[sky] : (double)sky;
+}
+
+/* When an image is: they are even in time, also where the frames are not. */
+static double moment_of(const struct held *h, uint64_t image)
+{
+    if (!h->seconds)
+        return (double)image / h->hold;
+    const double whole = h->seconds[h->count - 1] - h->seconds[0];
+    return h->seconds[0] + whole * (double)image / ((double)(h->count - 1) * h->hold);
+}
+
+static bool is_missing(const struct held *h, uint64_t sky)
+{
+    return h->missing && h->missing[sky];
+}
+
+/* The nearest readable frame below, or above, a position; NONE: there is none. */
+static uint64_t neighbour(const struct held *h, uint64_t sky, int step)
+{
+    for (uint64_t k = sky + (uint64_t)(int64_t)step; k != NONE && (!h->missing || k < h->count);
+         k += (uint64_t)(int64_t)step)
+        if (!is_missing(h, k))
+            return k;
+    return NONE;
+}
+
+/* The readable frames around a moment: one before the interval, its ends, one after it. Returns how many. */
+static uint32_t choose(const struct held *h, double moment, uint64_t *wanted)
+{
+    uint64_t at = h->seconds ? 0 : (uint64_t)moment;
+    uint32_t count = 0;
+
+    while (h->seconds && at + 1 < h->count && h->seconds[at + 1] <= moment)
+        at++;
+    if (is_missing(h, at)) {
+        const uint64_t below = neighbour(h, at, -1);
+        at = below != NONE ? below : neighbour(h, at, 1);
+    }
+    if (at == NONE)
+        return 0;
+    const uint64_t before = neighbour(h, at, -1), next = neighbour(h, at, 1);
+    if (before != NONE)
+        wanted[count++] = before;
+    wanted[count++] = at;
+    if (next != NONE && moment > seconds_of(h, at)) /* an image at a frame's own time needs no other */
+        wanted[count++] = next;
+    const uint64_t after = next != NONE ? neighbour(h, next, 1) : NONE;
+    if (after != NONE && count > 1 && wanted[count - 1] == next)
+        wanted[count++] = after;
+    return count;
+}
+
+/* Reads and adds frame `sky`. A frame that cannot be used is missing from then on; its error is the caller's once. */
+static enum err load(struct source *s, uint64_t sky, struct reason *why)
+{
+    struct held *h = s->held;
+    enum err e = ERR_OK;
+
+    if (between_count(h->between) == 0 || h->loaded[between_count(h->between) - 1] + 1 != sky)
+        e = source_seek_sky(s, sky) ? ERR_OK : ERR_END;
+    if (!e)
+        e = source_next_sky(s, &h->frame, why);
+    if (e == ERR_END || e == ERR_NOMEM)
+        return e;
+    if (!e)
+        e = between_take(h->between, &h->frame, seconds_of(h, sky), NULL, why);
+    if (!e) {
+        const uint32_t count = between_count(h->between);
+        for (uint32_t k = 0; k + 1 < count && count == SUN_MARKS; k++)
+            h->loaded[k] = h->loaded[k + 1];
+        h->loaded[count - 1] = sky;
+    } else if (h->missing) {
+        h->missing[sky] = true;
+    }
+    return e;
+}
+
+/* Whether the window ends with the first `have` of the wanted frames. */
+static uint32_t match(const struct held *h, const uint64_t *wanted, uint32_t count)
+{
+    const uint32_t window = between_count(h->between);
+
+    for (uint32_t have = count < window ? count : window; have > 0; have--) {
+        bool same = true;
+        for (uint32_t k = 0; k < have; k++)
+            same &= h->loaded[window - have + k] == wanted[k];
+        if (same)
+            return have;
+    }
+    return 0;
+}
+
+/* Whether all wanted frames are in the window already, in whatever place. */
+static bool has_all(const struct held *h, const uint64_t *wanted, uint32_t count)
+{
+    uint32_t found = 0;
+
+    for (uint32_t k = 0; k < between_count(h->between) && found < count; k++)
+        found += h->loaded[k] == wanted[found];
+    return found == count;
+}
+
+enum err held_next(struct source *s, struct frame *f, struct reason *why)
+{
+    struct held *h = s->held;
+    uint64_t wanted[SUN_MARKS];
+    const uint64_t images = held_count(s);
+
+    if (images > 0 && h->image >= images) {
+        if (!s->loop)
+            return ERR_END;
+        h->image = 0;
+    }
+    const double moment = moment_of(h, h->image);
+    const uint32_t count = choose(h, moment, wanted);
+    if (count == 0)
+        return ERR_END;
+    uint32_t have = has_all(h, wanted, count) ? count : match(h, wanted, count);
+    if (have == 0)
+        between_forget(h->between);
+    for (; have < count; have++) {
+        const enum err e = load(s, wanted[have], why);
+        if (e == ERR_END && have > 0 && seconds_of(h, wanted[have]) > moment)
+            break; /* a video of unknown length: its last frame stays */
+        if (e)
+            return e;
+    }
+    if (between_show(h->between, moment, f))
+        return err_say(why, ERR_NOMEM, "%s: out of memory", s->desc.spec);
+    f->capture_us = f->capture_us ? clock_wall_us() : 0; /* computed light is as old as its computation */
+    f->number = source_first_number(s) * h->hold + h->image;
+    s->position = wanted[count > 1 && seconds_of(h, wanted[1]) <= moment ? 1 : 0];
+    h->shown = h->image++;
+    return ERR_OK;
+}
