@@ -321,13 +321,12 @@ static void show_one(const struct between *b, uint32_t k, double seconds, float 
 
 static void set_about(const struct between *b, uint32_t k, double t, struct frame *out)
 {
-    const struct frame *f = &b->skies[k].about;
-    double turn = 0.0;
+    const struct frame *f = &b->skies[k].about, *next = t > 0.0 ? &b->skies[k + 1].about : f;
+    const double turn = t * remainder(next->turn - f->turn, 360.0); /* the shorter way round */
+    const double later = f->capture_us && next->capture_us ? t * (double)(next->capture_us - f->capture_us) : 0.0;
 
-    if (t > 0.0) /* the shorter way round */
-        turn = t * remainder(b->skies[k + 1].about.turn - f->turn, 360.0);
     out->number = f->number;
-    out->capture_us = f->capture_us;
+    out->capture_us = next->capture_us ? f->capture_us + llround(later) : 0;
     out->units = f->units;
     out->turn = f->turn + turn;
     snprintf(out->layout, sizeof(out->layout), "latlong");

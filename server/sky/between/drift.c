@@ -17,7 +17,7 @@
 #define WINDS 31
 #define WIND_STEP 0.1
 #define LEVELS 3
-#define ROUNDS 4
+#define ROUNDS 3
 #define WINDOW 4
 #define STIFF 2e-4f
 #define AGREE 0.04f
@@ -220,6 +220,17 @@ static void blur(float *image, float *swap, uint32_t side)
     blur_once(swap, side, image);
 }
 
+/* The flow from the buffers of its two coordinates, blurred: neighbours move alike. */
+static void smooth(const struct work *w, uint32_t side, float (*flow)[2])
+{
+    for (int k = 0; k < 2; k++)
+        blur(w->sums[k], w->swap, side);
+    for (uint32_t at = 0; at < side * side; at++) {
+        flow[at][0] = w->sums[0][at];
+        flow[at][1] = w->sums[1][at];
+    }
+}
+
 /* A round of [Lucas and Kanade 1981, Eq. 11]: a step that lessens the difference under the last flow. */
 static void improve(const struct work *w, const float *first, const float *second, uint32_t side, float (*flow)[2])
 {
@@ -246,9 +257,11 @@ static void improve(const struct work *w, const float *first, const float *secon
         const float det = a * c - b * b;
         const float u = -(c * w->sums[3][at] - b * w->sums[4][at]) / det;
         const float v = -(a * w->sums[4][at] - b * w->sums[3][at]) / det;
-        flow[at][0] += step * fmaxf(-1.0f, fminf(1.0f, u)); /* a texel a round: steps beyond are not to be trusted */
-        flow[at][1] += step * fmaxf(-1.0f, fminf(1.0f, v));
+        /* A texel a round: steps beyond are not to be trusted. */
+        w->sums[0][at] = flow[at][0] + step * fmaxf(-1.0f, fminf(1.0f, u));
+        w->sums[1][at] = flow[at][1] + step * fmaxf(-1.0f, fminf(1.0f, v));
     }
+    smooth(w, side, flow);
 }
 
 /* The flow of the next finer level, in place: each place takes that of the coarse place it lies in. */
@@ -301,12 +314,7 @@ static void trust(const struct work *w, float (*flow)[2])
         w->sums[0][at] = keep * w->flow[at][0];
         w->sums[1][at] = keep * w->flow[at][1];
     }
-    for (int k = 0; k < 2; k++)
-        blur(w->sums[k], w->swap, SIDE);
-    for (uint32_t at = 0; at < AREA; at++) {
-        flow[at][0] = w->sums[0][at];
-        flow[at][1] = w->sums[1][at];
-    }
+    smooth(w, SIDE, flow);
 }
 
 enum err drift_find(struct drift *d, const float *first, const float *second, uint32_t width, uint32_t height)

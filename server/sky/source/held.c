@@ -5,6 +5,8 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "image/codec/decode.h"
+#include "sky/between/taken.h"
 
 #include <assert.h>
 #include <math.h>
@@ -24,6 +26,75 @@ struct held {
     bool *missing; /* [count]: it cannot be read; NULL where there is no count */
 };
 
+/* When file k was taken, seconds; below 0: nothing tells. Names are asked first: they need no decoding. */
+static double taken_seconds(const struct file_item *item, bool by_name)
+{
+    struct image im = { .width = 0 };
+    struct reason why;
+    int64_t us = by_name ? taken_from_name(item->path) : 0;
+
+    if (!by_name && !decode_file(item->path, &im, &why))
+        us = im.taken_us;
+    image_finish(&im);
+    return us > 0 ? 1e-6 * (double)us : -1.0;
+}
+
+/* Whether all files tell when they were taken, one after another. */
+static bool read_times(struct source *s, bool by_name)
+{
+    struct held *h = s->held;
+
+    for (uint64_t k = 0; k < h->count; k++) {
+        h->seconds[k] = taken_seconds(&s->files.items[k], by_name);
+        if (h->seconds[k] < 0.0)
+            return false;
+        if (k == 0 || h->seconds[k] > h->seconds[k - 1])
+            continue;
+        log_warning("%s was taken %.3g s %s the file before it: images between are even in number, not in time",
+                    s->files.items[k].path, h->seconds[k - 1] - h->seconds[k],
+                    h->seconds[k] < h->seconds[k - 1] ? "before" : "after");
+        return false;
+    }
+    return true;
+}
+
+/* The longest gap, if it is one, in words. */
+static void tell_gap(const struct source *s)
+{
+    const struct held *h = s->held;
+    const double mean = (h->seconds[h->count - 1] - h->seconds[0]) / (double)(h->count - 1);
+    uint64_t longest = 1;
+
+    for (uint64_t k = 2; k < h->count; k++)
+        if (h->seconds[k] - h->seconds[k - 1] > h->seconds[longest] - h->seconds[longest - 1])
+            longest = k;
+    const double gap = h->seconds[longest] - h->seconds[longest - 1];
+    log_info("%s: files were taken every %.3g s on average; images between them are even in time", s->desc.spec, mean);
+    if (gap > GAP * mean)
+        log_warning("%s: nothing was taken for %.3g s before it: images go from one sky to the other all that time",
+                    s->files.items[longest].path, gap);
+}
+
+/* Capture times of files make images even in time. Without them, or where they do not go on, frames count as even. */
+static enum err take_times(struct source *s)
+{
+    struct held *h = s->held;
+
+    if (s->kind != SOURCE_FILES || s->repeats || h->count < 2)
+        return ERR_OK;
+    h->seconds = mem_alloc((size_t)h->count, sizeof(*h->seconds));
+    if (!h->seconds)
+        return ERR_NOMEM;
+    const bool by_name = taken_from_name(s->files.items[0].path) > 0;
+    if (read_times(s, by_name)) {
+        tell_gap(s);
+        return ERR_OK;
+    }
+    mem_free(h->seconds);
+    h->seconds = NULL;
+    return ERR_OK;
+}
+
 enum err held_create(struct source *s, const struct between_desc *desc, struct reason *why)
 {
     struct held *h = s->held = mem_alloc(1, sizeof(*h));
@@ -33,7 +104,7 @@ enum err held_create(struct source *s, const struct between_desc *desc, struct r
         h->hold = desc->hold;
         h->count = source_count_skies(s);
         h->missing = h->count ? mem_alloc((size_t)h->count, sizeof(*h->missing)) : NULL;
-        e = h->count && !h->missing ? ERR_NOMEM : ERR_OK;
+        e = h->count && !h->missing ? ERR_NOMEM : take_times(s);
     }
     return e ? err_say(why, e, "%s: out of memory", s->desc.spec) : ERR_OK;
 }

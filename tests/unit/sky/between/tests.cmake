@@ -1,2 +1,5 @@
 unit_test(between test_taken)
 unit_test(between test_deflicker m)
+unit_test(between test_sun_patch OpenMP::OpenMP_C m)
+unit_test(between test_drift OpenMP::OpenMP_C m)
+unit_test(between test_between OpenMP::OpenMP_C m)

@@ -33,12 +33,17 @@ static inline const char *folder_path(struct folder *f, const char *name)
     return joined;
 }
 
-static inline void folder_put(struct folder *f, const char *name, const char *text)
+static inline void folder_put_bytes(struct folder *f, const char *name, const void *bytes, size_t size)
 {
     FILE *out = fopen(folder_path(f, name), "wb");
     assert_non_null(out);
-    assert_int_equal(fwrite(text, 1, strlen(text), out), strlen(text));
+    assert_int_equal(fwrite(bytes, 1, size, out), size);
     assert_int_equal(fclose(out), 0);
+}
+
+static inline void folder_put(struct folder *f, const char *name, const char *text)
+{
+    folder_put_bytes(f, name, text, strlen(text));
 }
 
 /* One level: folders inside must be empty. */
