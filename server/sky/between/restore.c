@@ -2,6 +2,7 @@
 
 #include "base/luminance.h"
 #include "base/mem.h"
+#include "sky/between/spot.h"
 #include "sky/between/texel.h"
 #include "sky/daylight/sky.h"
 
@@ -18,85 +19,17 @@
 #define SPOT_ROUND 0.6             /* a disc's spread over the spot's: cuts off strips, and glare with clouds in one */
 #define SPOT_FLAT 0.2              /* solid angle of the spot over that above half the maximum: a Gaussian has 0.04 */
 
-struct spot {
-    float most; /* the image's maximum in the upper hemisphere, largest channel */
-    size_t texels;
-    double solid_angle, w[3], radius, round;
-};
-
-struct image_area { /* the upper hemisphere */
-    const float *rgb;
-    uint32_t width, height, rows;
-};
-
-/* One connected area (corners count) at nearly the maximum that contains texel `first`; marks it. */
-static void flood(const struct image_area *a, float least, size_t first, uint8_t *seen, uint32_t *stack,
-                  struct spot *out)
+static float brightest(const struct spot_area *a)
 {
-    size_t top = 0;
+    float most = 0.0f;
 
-    stack[top++] = (uint32_t)first;
-    seen[first] = 1;
-    while (top) {
-        const uint32_t at = stack[--top], y = at / a->width, x = at % a->width;
-        const double o = texel_solid_angle(a->width, a->height, y);
-        double w[3];
-        texel_direction(a->width, a->height, x + 0.5, y + 0.5, w);
-        out->texels++;
-        out->solid_angle += o;
-        for (int c = 0; c < 3; c++)
-            out->w[c] += o * w[c];
-        for (uint32_t k = 0; k < 9; k++) {
-            const uint32_t row = y + k / 3 - 1, column = (x + k % 3 + a->width - 1) % a->width;
-            const size_t next = (size_t)row * a->width + column;
-            if (row >= a->rows || seen[next] || !(texel_brightest(a->rgb, next) >= least))
-                continue;
-            seen[next] = 1;
-            stack[top++] = (uint32_t)next;
-        }
-    }
-}
-
-/* Centroid, radius and roundness from the sums: the mean direction of a disc of radius r is 1 - r^2 / 4 long. */
-static void shape(struct spot *s)
-{
-    const double length = sqrt(dot3(s->w, s->w)), mean = length / s->solid_angle;
-
-    s->radius = sqrt(s->solid_angle / PI);
-    s->round = 0.25 * s->radius * s->radius / fmax(1.0 - mean, 1e-12);
-    for (int c = 0; c < 3; c++)
-        s->w[c] /= length;
-}
-
-/* The largest area at nearly the maximum: the sun's glare makes its spot larger than those of clouds and reflections.
- */
-static enum err find_spot(const struct image_area *a, struct spot *out)
-{
-    const size_t count = (size_t)a->rows * a->width;
-    uint8_t *seen = mem_alloc(count, 1);
-    uint32_t *stack = mem_alloc_raw(count, sizeof(*stack));
-
-    *out = (struct spot){ .most = 0.0f };
-    for (size_t i = 0; i < count; i++)
-        out->most = fmaxf(out->most, texel_brightest(a->rgb, i));
-    for (size_t i = 0; seen && stack && out->most > 0.0f && i < count; i++) {
-        if (seen[i] || !(texel_brightest(a->rgb, i) >= NEARLY * out->most))
-            continue;
-        struct spot s = { .most = out->most };
-        flood(a, NEARLY * out->most, i, seen, stack, &s);
-        if (s.solid_angle > out->solid_angle)
-            *out = s;
-    }
-    const enum err result = seen && stack ? ERR_OK : ERR_NOMEM;
-    mem_free(seen);
-    mem_free(stack);
-    if (out->texels)
-        shape(out);
-    return result;
+    for (size_t i = 0; i < (size_t)a->rows * a->width; i++)
+        most = fmaxf(most, texel_brightest(a->rgb, i));
+    return most;
 }
 
 /* Whether the spot is compact, flat and well above the rest. */
-static bool spot_is_clipped(const struct image_area *a, const struct spot *s)
+static bool is_clipped(const struct spot_area *a, const struct spot *s, float most)
 {
     const double reach = 3.0 * s->radius + 3.0 * PI / a->height;
     double half = 0.0, above = 0.0, whole = 0.0;
@@ -111,7 +44,7 @@ static bool spot_is_clipped(const struct image_area *a, const struct spot *s)
             const float v = texel_brightest(a->rgb, (size_t)y * a->width + x);
             double w[3];
             whole += o;
-            if (!(v >= 0.5f * s->most))
+            if (!(v >= 0.5f * most))
                 continue;
             above += o;
             texel_direction(a->width, a->height, x + 0.5, y + 0.5, w);
@@ -146,7 +79,7 @@ struct fit {
     double turbidity, log_scale, share;
 };
 
-static size_t take_samples(const struct image_area *a, const struct spot *s, struct sample *out)
+static size_t take_samples(const struct spot_area *a, const struct spot *s, struct sample *out)
 {
     const uint32_t step = (uint32_t)fmax(1.0, ceil(sqrt((double)a->rows * a->width / SAMPLES)));
     size_t count = 0;
@@ -216,7 +149,7 @@ static double level_weight(const struct fit *f, double units)
 
 /* The fit; its share is the highest at any turbidity, so that a known level does not hide a clear sky. units: 0 if
  * unknown. */
-static enum err fit_sky(const struct image_area *a, const struct spot *s, const double w[3], double units,
+static enum err fit_sky(const struct spot_area *a, const struct spot *s, const double w[3], double units,
                         struct fit *out)
 {
     const size_t texels = (size_t)a->rows * a->width, most = 2 * (size_t)SAMPLES;
@@ -254,7 +187,7 @@ static enum err fit_sky(const struct image_area *a, const struct spot *s, const 
 #define LOW 2.0 /* degrees: the light of a lower sun is a matter of haze, and at the horizon are lamps */
 
 /* Horizontal, luminance: of the upper hemisphere, or of what lies within `reach` of a direction. */
-static double irradiance(const struct image_area *a, const double *around, double reach)
+static double irradiance(const struct spot_area *a, const double *around, double reach)
 {
     double sum = 0.0;
 
@@ -271,7 +204,7 @@ static double irradiance(const struct image_area *a, const double *around, doubl
 }
 
 /* Adds a disc that brings this irradiance (luminance, horizontal), in the colour of the model's sun. */
-static void add_disc(const struct image_area *a, float *rgb, struct sky_state *sky, double wanted)
+static void add_disc(const struct spot_area *a, float *rgb, struct sky_state *sky, double wanted)
 {
     const struct sky_desc size = { .width = a->width, .height = a->height };
     const double gain = wanted / luminance_of(LUMINANCE_REC709, sky->sun_irradiance);
@@ -291,9 +224,9 @@ static void place(const struct spot *s, const struct restore_desc *desc, double 
     out->spot_radius = s->radius;
 }
 
-/* What is missing (luminance, horizontal), or 0 with the reason in the note. */
-static double missing(const struct image_area *a, const struct spot *s, const struct restore_desc *desc,
-                      const struct sky_state *sky, struct restored *out)
+/* What is missing (luminance, horizontal), or 0 with the reason in the note. half: the maximum is a half float's. */
+static double missing(const struct spot_area *a, const struct restore_desc *desc, const struct sky_state *sky,
+                      bool half, struct restored *out)
 {
     const double elevation = asin(out->direction[1]) / DEGREE;
 
@@ -320,7 +253,6 @@ static double missing(const struct image_area *a, const struct spot *s, const st
     }
     const double calls = out->scale * luminance_of(LUMINANCE_REC709, sky->sun_irradiance);
     const double have = irradiance(a, out->direction, SUN_RADIUS + 1.5 * PI / a->height);
-    const bool half = s->most > 0.999f * HALF_MOST && s->most < 1.001f * HALF_MOST;
     out->kind = have < (half ? WHOLE_HALF : WHOLE) * calls ? RESTORE_ADDED : RESTORE_WHOLE;
     if (out->kind == RESTORE_WHOLE)
         snprintf(out->note, sizeof(out->note), "the sun at %.0f degrees elevation has its energy: it did not clip",
@@ -347,7 +279,7 @@ static void describe(const struct restore_desc *desc, struct restored *out)
 enum err restore_sun(float *rgb, uint32_t width, uint32_t height, const struct restore_desc *desc, struct restored *out,
                      struct reason *why)
 {
-    const struct image_area a = { .rgb = rgb, .width = width, .height = height, .rows = height / 2 };
+    const struct spot_area a = { .rgb = rgb, .width = width, .height = height, .rows = height / 2 };
     struct spot s;
     struct fit f = { .turbidity = 3.0 };
     struct sky_state sky;
@@ -355,8 +287,9 @@ enum err restore_sun(float *rgb, uint32_t width, uint32_t height, const struct r
     *out = (struct restored){ .kind = RESTORE_NONE };
     if (desc->lux > 0.0 && !(desc->units > 0.0))
         return err_say(why, ERR_USAGE, "sun: %g lx need the image's units, which are unknown", desc->lux);
-    enum err result = find_spot(&a, &s);
-    if (result || !spot_is_clipped(&a, &s))
+    const float most = brightest(&a);
+    enum err result = most > 0.0f ? spot_find(&a, NEARLY * most, false, &s) : ERR_OK;
+    if (result || !(most > 0.0f) || !is_clipped(&a, &s, most))
         return result;
     place(&s, desc, PI / height, out);
     out->rest = irradiance(&a, NULL, 0.0);
@@ -371,7 +304,7 @@ enum err restore_sun(float *rgb, uint32_t width, uint32_t height, const struct r
         out->agreement = f.share;
     }
     model(out->direction, f.turbidity, &sky);
-    out->irradiance = missing(&a, &s, desc, &sky, out);
+    out->irradiance = missing(&a, desc, &sky, fabsf(most - HALF_MOST) < 1e-3f * HALF_MOST, out);
     if (out->kind != RESTORE_ADDED)
         return ERR_OK;
     if (desc->units > 0.0)
