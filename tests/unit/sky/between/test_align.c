@@ -1,5 +1,6 @@
 #include "sky/between/skies.h"
 
+#include "image/codec/decode.h"
 #include "sky/between/align.h"
 
 /* ---- The sun of a place and time ---- */
@@ -116,6 +117,32 @@ static void no_sun_is_found_where_none_is(void **state)
         assert_false(found);
     }
     test_free(p.rgb);
+}
+
+/* Captured suns, whole ones as the truth: the same one where they are clipped to some ten times the sky. */
+static void captured_suns_are_found_clipped_too(void **state)
+{
+    static const char *const names[] = { "env/clear_StinsonBeach_1k.hdr", "env/clear_noon_grass_1k.hdr",
+                                         "env/partlycloudy_kloppenheim_05_1k.hdr", "env/extreme_sunrise_1k.hdr" };
+
+    (void)state;
+    for (size_t i = 0; i < 4; i++) {
+        struct image im = { .width = 0 };
+        struct reason why = { "" };
+        double whole[3], w[3];
+        bool found;
+        if (decode_file(unit_data(names[i]), &im, &why))
+            fail_msg("%s", why.text);
+        struct picture p = { im.width, im.height, im.rgb };
+        assert_int_equal(align_find_sun(p.rgb, p.width, p.height, whole, &found), ERR_OK);
+        assert_true(found);
+        for (double level = 1000.0; level > (i == 3 ? 50.0 : 2.0); level *= 0.4) {
+            picture_clip(&p, level);
+            assert_int_equal(align_find_sun(p.rgb, p.width, p.height, w, &found), ERR_OK);
+            assert_true(found && angle_between(w, whole) < 0.25 * DEGREE);
+        }
+        image_finish(&im);
+    }
 }
 
 /* ---- The rotation ---- */
@@ -352,11 +379,11 @@ static void apply_keeps_the_light_and_the_place_of_a_sun(void **state)
 /* From skies to the rotation: ten skies of a rig, half of them clipped to little above their brightest part. */
 static void rotation_comes_from_ten_skies(void **state)
 {
-    struct picture p = picture_make(1024), q = picture_make(1024);
     double one = 0.0;
 
     (void)state;
     for (int tilt = 0; tilt <= 4; tilt += 4) {
+        struct picture p = picture_make(tilt ? 1024 : 512), q = picture_make(p.width);
         struct sun_pair pairs[10];
         struct alignment a;
         double r[3][3], inverse[3][3];
@@ -379,11 +406,11 @@ static void rotation_comes_from_ten_skies(void **state)
         align_fit(pairs, 10, &a);
         printf("%s; off by %.3f\n", a.note, apart((const double(*)[3])a.r, (const double(*)[3])r));
         assert_true(a.used == 10 && apart((const double(*)[3])a.r, (const double(*)[3])r) < 0.1);
+        test_free(p.rgb);
+        test_free(q.rgb);
     }
     printf("by one sky of an upright rig %.3f at most\n", one);
     assert_true(one < 0.5);
-    test_free(p.rgb);
-    test_free(q.rgb);
 }
 
 static const struct CMUnitTest tests[] = {
@@ -391,6 +418,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(sun_moves_evenly_through_any_year),
     cmocka_unit_test(sun_is_near_the_sky_s_own),
     cmocka_unit_test(sun_is_found_within_a_texel),
+    cmocka_unit_test(captured_suns_are_found_clipped_too),
     cmocka_unit_test(no_sun_is_found_where_none_is),
     cmocka_unit_test(one_sun_gives_the_azimuth_and_says_the_elevation),
     cmocka_unit_test(ten_suns_give_azimuth_and_tilt_despite_outliers),
