@@ -41,14 +41,34 @@ void command_begin(struct command *c)
         }
 }
 
+#define KEY "tune "
+#define NAME_MOST 40 /* more than the longest name */
+
+/* The index of the flag of that name or, without one or with "tune " before it, of the key of --tune; flag_count: there
+ * is none. */
+static size_t find_index(const struct command *c, const char *name, size_t length)
+{
+    const bool key = length > sizeof(KEY) - 1 && strncmp(name, KEY, sizeof(KEY) - 1) == 0;
+    size_t found = c->flag_count;
+
+    name += key ? sizeof(KEY) - 1 : 0;
+    length -= key ? sizeof(KEY) - 1 : 0;
+    for (size_t k = 0; k < c->flag_count; k++) {
+        const struct setting *row = c->flags[k].row;
+        if (strlen(row->name) != length || strncmp(row->name, name, length) != 0)
+            continue;
+        if (key == (row->level == SETTING_TUNE))
+            return k;
+        found = key ? found : k;
+    }
+    return found;
+}
+
 static struct command_flag *find(struct command *c, const char *name, size_t length)
 {
-    for (size_t k = 0; k < c->flag_count; k++) {
-        const char *own = c->flags[k].row->name;
-        if (strlen(own) == length && strncmp(own, name, length) == 0)
-            return &c->flags[k];
-    }
-    return NULL;
+    const size_t k = find_index(c, name, length);
+
+    return k < c->flag_count ? &c->flags[k] : NULL;
 }
 
 bool command_offers(const struct command *c, const struct setting *row)
@@ -68,10 +88,8 @@ struct command_flag *command_flag(struct command *c, const char *name)
 
 static const struct command_flag *known(const struct command *c, const char *name)
 {
-    size_t k = 0;
+    const size_t k = find_index(c, name, strlen(name));
 
-    while (k < c->flag_count && strcmp(c->flags[k].row->name, name) != 0)
-        k++;
     assert(k < c->flag_count);
     return &c->flags[k];
 }
@@ -104,8 +122,6 @@ bool command_flag_equals(const struct command_flag *a, const struct command_flag
 }
 
 /* ---- Parsing ---- */
-
-#define NAME_MOST 40 /* more than the longest name */
 
 /* Insertions, deletions, replacements and swaps of neighbours that turn one name into the other; NAME_MOST: too long.
  */
@@ -195,9 +211,11 @@ static enum err take_keys(struct command *c, const char *text, struct reason *wh
 
     for (const char *at = text; at && !e; at = strchr(at, ',') ? strchr(at, ',') + 1 : NULL) {
         const size_t length = strcspn(at, ","), name = strcspn(at, "=,"), room = sizeof(c->tune) - c->tune_bytes;
-        struct command_flag *f = find(c, at, name);
+        char key[NAME_MOST];
+        snprintf(key, sizeof(key), KEY "%.*s", (int)name, at);
+        struct command_flag *f = find(c, key, strlen(key));
         char *value = name < length ? c->tune + c->tune_bytes : NULL;
-        if (!f || f->row->level != SETTING_TUNE)
+        if (!f)
             return unknown_key(c, at, name, why);
         if (value && length - name > room)
             return err_say(why, ERR_USAGE, "--tune: more than %d bytes of values", COMMAND_TUNE_BYTES);

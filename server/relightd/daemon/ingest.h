@@ -69,8 +69,9 @@ MUST_CHECK enum err glide_create(const struct daemon_config *c, struct glide **o
 void glide_destroy(struct glide *g); /* NULL is allowed */
 void glide_forget(struct glide *g);  /* what comes next follows nothing; NULL is allowed */
 
-/* Notes a sky that arrived. True: glide_step shows it; false: it is to be shown as it is. */
+/* Notes a sky that arrived. True: glide_first has the image for it; false: it is to be shown as it is. */
 bool glide_take(struct ingest_thread *t, const struct frame *f);
+const struct frame *glide_first(struct ingest_thread *t); /* NULL: no memory */
 bool glide_is_moving(const struct ingest_thread *t);           /* whether more images are to come before the next sky */
 int glide_wait_ms(const struct ingest_thread *t, int most_ms); /* until the next image, at most so long */
 const struct frame *glide_step(struct ingest_thread *t);       /* the sky of the next image if it is due, else NULL */

@@ -40,7 +40,7 @@ enum err glide_create(const struct daemon_config *c, struct glide **out)
 
     *out = NULL;
     desc.max_side = c->max_side;
-    if (desc.mode == BETWEEN_OFF)
+    if (desc.mode == BETWEEN_OFF && !between_corrects(&desc))
         return ERR_OK;
     g = mem_alloc(1, sizeof(*g));
     if (!g || between_create(&desc, &g->between)) {
@@ -112,43 +112,69 @@ static double delay_of(const struct ingest_thread *t)
     return asked >= 0.0 ? asked : usual_interval(t->glide);
 }
 
+/* Images begin to glide, or stop doing so. */
+static void set_active(struct ingest_thread *t, bool active)
+{
+    struct glide *g = t->glide;
+    const bool moves = t->shared->config.setup.source_desc.between.mode == BETWEEN_MOTION;
+
+    if (active && !g->active)
+        log_info(
+            "skies come every %.3g s: images between them %s, %.3g s behind (--between off shows each as it comes)",
+            usual_interval(g), moves ? "move" : "fade", delay_of(t));
+    else if (!active && g->active)
+        log_info("skies come more often than twice a second, or after a long pause: each is shown as it comes");
+    g->active = active;
+}
+
+static void tell_state(struct ingest_thread *t)
+{
+    char text[sizeof(((struct server_figures *)0)->between)];
+    const struct glide *g = t->glide;
+
+    status_between(&t->shared->status, between_count(g->between) ? between_state(g->between, text, sizeof(text)) : "",
+                   g->active ? g->lasts_s : 0.0);
+}
+
 bool glide_take(struct ingest_thread *t, const struct frame *f)
 {
+    const struct between_desc *desc = &t->shared->config.setup.source_desc.between;
     const struct image_decoder decoder = { decoder_decode, t->decoder };
     struct glide *g = t->glide;
     struct reason why;
 
     if (!g)
         return false;
-    const bool slow = is_slow(g, settings_now(&t->shared->settings).fps);
-    if (!slow && g->active)
-        log_info("skies come faster than twice a second, or after a long pause: each is shown as it comes");
-    if (!slow && g->active)
-        status_between(&t->shared->status, "", 0.0);
-    if (!slow) {
-        between_forget(g->between);
-        g->active = false;
+    const bool slow = is_slow(g, settings_now(&t->shared->settings).fps) && desc->mode != BETWEEN_OFF;
+    const bool was_active = g->active;
+    set_active(t, slow);
+    if (!slow && !between_corrects(desc)) {
+        if (was_active)
+            glide_forget(g);
+        g->capture_us = f->capture_us;
+        return false;
     }
     const double seconds = seconds_of(g, f);
-    if (!slow || between_take(g->between, f, seconds, t->decoder ? &decoder : NULL, &why)) {
-        g->capture_us = f->capture_us;
-        return false; /* it will be refused, with this reason, where it is decoded for its image */
-    }
     g->capture_us = f->capture_us;
-    const bool first = between_count(g->between) == 1;
-    if (!g->active)
-        log_info(
-            "skies come every %.3g s: images between them %s, %.3g s behind (--between off shows each as it comes)",
-            usual_interval(g), t->shared->config.setup.source_desc.between.mode == BETWEEN_MOTION ? "move" : "fade",
-            delay_of(t));
-    g->active = true;
-    g->lasts_s = delay_of(t);
+    if (between_take(g->between, f, seconds, t->decoder ? &decoder : NULL, &why))
+        return false; /* it is refused, with this reason, where it is decoded for its image */
+    g->lasts_s = slow && between_count(g->between) > 1 ? delay_of(t) : 0.0;
     g->begun_s = g->due_s = clock_seconds();
-    g->from = first || g->lasts_s <= 0.0 ? seconds : g->moment;
+    g->from = g->lasts_s > 0.0 && was_active ? g->moment
+              : g->lasts_s > 0.0             ? between_seconds(g->between, between_count(g->between) - 2)
+                                             : seconds;
     g->to = seconds;
     g->moment = g->from;
-    status_between(&t->shared->status, between_state(g->between), delay_of(t));
+    tell_state(t);
     return true;
+}
+
+const struct frame *glide_first(struct ingest_thread *t)
+{
+    struct glide *g = t->glide;
+
+    g->due_s += 1.0 / settings_now(&t->shared->settings).fps;
+    return between_show(g->between, g->moment, &g->shown) ? NULL : &g->shown;
 }
 
 /* What is to be shown now. */
@@ -165,7 +191,7 @@ bool glide_is_moving(const struct ingest_thread *t)
 {
     const struct glide *g = t->glide;
 
-    if (!g || !g->active)
+    if (!g || !g->active || between_count(g->between) < 2)
         return false;
     return g->lasts_s > 0.0 ? g->moment < g->to : clock_seconds() - g->begun_s < usual_interval(g);
 }

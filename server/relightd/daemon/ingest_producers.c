@@ -86,7 +86,7 @@ void ingest_from_producers(struct ingest_thread *t, struct reason *why)
         if (lockstep)
             glide_forget(t->glide);
         else if (glide_take(t, &f))
-            shown = glide_step(t);
+            shown = glide_first(t);
         shown = shown ? shown : &f;
         reported = take(t, shown, &ticket, reported, why);
         if (reported == SERVER_FAILED)

@@ -138,7 +138,7 @@ static const struct {
     { "allow-bias", without_auto },
     { "cells", without_strata },
     { "compensate", without_lobes },
-    { "sun", without_strata },
+    { "tune sun", without_strata },
     { "lamp-samples", without_lamps },
     { "time", without_models },
     { "parts", without_components },

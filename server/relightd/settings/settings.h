@@ -59,6 +59,7 @@ struct setup {
     uint32_t size[2];
     const char *cpu;
     const char *parts;              /* of METHOD_COMPONENTS; the program reads them into light.whole */
+    const char *place;              /* LATITUDE,LONGITUDE; NULL: not given */
     const char *position, *look_at; /* X,Y,Z; NULL: the camera's */
     double fov;                     /* degrees; 0: the camera's */
     int projection;                 /* enum camera_projection; perspective: the camera's */

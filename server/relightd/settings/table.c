@@ -1,7 +1,10 @@
 #include "relightd/settings/settings.h"
 
+#include "base/log.h"
 #include "base/setting_table.h"
 
+#include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 _Static_assert(offsetof(struct setup, initial) == 0, "rows with a key are rows of struct settings, too");
@@ -148,6 +151,14 @@ const struct setting settings_table[] = {
       AT(source_desc.between.mode) },
     { "hold", "N", "with --between: images from one sky of a sequence to the next", "1", SCENE, LIGHT_PROGRAMS,
       WHOLE(1, BETWEEN_HOLD_MAX), AT(source_desc.between.hold) },
+    { "deflicker", NULL, "undo a camera's scatter of exposure and white balance from sky to sky", NULL, SCENE,
+      LIGHT_PROGRAMS, SWITCH, AT(source_desc.between.deflicker) },
+    { "sun", "LUX", "restore a sun that the camera clipped, so that the sky has this horizontal illuminance", "keep",
+      SCENE, LIGHT_PROGRAMS, REAL(1.0, 200000.0), OR_WORD(between_sun_choices), AT(source_desc.between.sun) },
+    { "align", "BY", "where north is", "off", SCENE, LIGHT_PROGRAMS, CHOICE(between_align_choices),
+      AT(source_desc.between.align) },
+    { "place", "LAT,LON", "with --align: where skies are captured, in degrees north and east", NULL, SCENE,
+      LIGHT_PROGRAMS, TEXT, AT(place) },
     { "layer", "NAME", "layer or part of OpenEXR maps; default: the one named like an image", NULL, EXPERT, SCENE,
       LIGHT_PROGRAMS, TEXT, AT(environment.layer) },
 
@@ -226,6 +237,23 @@ bool setup_computes_sky(const struct setup *s)
     return false;
 }
 
+/* --place, which --align needs. */
+static enum err take_place(struct setup *s, struct reason *why)
+{
+    struct between_desc *b = &s->source_desc.between;
+    char end;
+
+    if (b->align && !s->place)
+        return err_say(why, ERR_USAGE, "--align sun needs --place LATITUDE,LONGITUDE, such as --place 48.14,11.58");
+    if (s->place && (sscanf(s->place, "%lf,%lf%c", &b->place[0], &b->place[1], &end) != 2 ||
+                     !(fabs(b->place[0]) <= 90.0) || !(fabs(b->place[1]) <= 180.0)))
+        return err_say(why, ERR_USAGE,
+                       "--place: '%.40s' is not LATITUDE,LONGITUDE in degrees, -90 to 90 and -180 to 180", s->place);
+    if (s->place && !b->align)
+        log_warning("--place has no effect without --align sun");
+    return ERR_OK;
+}
+
 enum err setup_complete(struct setup *s, struct reason *why)
 {
     struct settings *initial = &s->initial;
@@ -252,7 +280,9 @@ enum err setup_complete(struct setup *s, struct reason *why)
     if (setup_computes_sky(s) && s->environment.layout != LAYOUT_AUTO && s->environment.layout != LAYOUT_LATLONG)
         return err_say(why, ERR_USAGE, "--layout is for maps from files; the source %.40s is a lat-long map",
                        s->source_desc.spec);
-    enum err e = view_change_read(s->position, s->look_at, s->fov, &s->set_desc.change, why);
+    enum err e = take_place(s, why);
+    if (!e)
+        e = view_change_read(s->position, s->look_at, s->fov, &s->set_desc.change, why);
     s->set_desc.change.has_projection = s->projection != PROJECTION_PERSPECTIVE;
     s->set_desc.change.projection = (enum camera_projection)s->projection;
     if (!e)

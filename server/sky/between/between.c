@@ -3,7 +3,12 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/vec.h"
+#include "sky/between/align.h"
+#include "sky/between/deflicker.h"
 #include "sky/between/drift.h"
+#include "sky/between/restore.h"
+#include "sky/between/taken.h"
+#include "sky/between/texel.h"
 #include "sky/tables/environment.h"
 #include "sky/tables/layout.h"
 
@@ -16,11 +21,25 @@
  * SECOND: a second sun with this share of the first's light is named. */
 #define FAR (20.0 * PI / 180.0)
 #define SECOND 0.25
+#define PAIRS 32 /* suns by which skies are aligned */
 
 const struct setting_choice between_choices[] = {
     { "off", BETWEEN_OFF, "each sky is shown until the next one", 0 },
     { "fade", BETWEEN_FADE, "the sun moves along its arc, the rest of the sky fades", 0 },
     { "motion", BETWEEN_MOTION, "clouds move, too, where that explains the next sky better than fading", 0 },
+    { NULL, 0, NULL, 0 },
+};
+
+const struct setting_choice between_sun_choices[] = {
+    { "keep", (int)BETWEEN_SUN_KEEP, "the sun as it was captured", 0 },
+    { "auto", (int)BETWEEN_SUN_AUTO, "a clipped sun gets the energy that the rest of the sky calls for", 0 },
+    { NULL, 0, NULL, 0 },
+};
+
+const struct setting_choice between_align_choices[] = {
+    { "off", BETWEEN_ALIGN_OFF, "the map's centre is north", 0 },
+    { "sun", BETWEEN_ALIGN_SUN, "turned so that the sun stands where it must, at --place and at the time of capture",
+      0 },
     { NULL, 0, NULL, 0 },
 };
 
@@ -32,6 +51,7 @@ struct sky {
     struct sun_patch sun; /* owned */
     struct frame about;   /* number, time, units, turn, name; no texels */
     uint64_t serial;      /* counts the skies that were taken */
+    bool turned;          /* by the alignment: its sun's texels are no longer where they were */
 };
 
 struct between {
@@ -42,10 +62,20 @@ struct between {
     struct environment *reader; /* decodes, and turns other layouts into lat-long */
     struct drift drift;
     uint64_t drift_of; /* serial of the later of its two skies; 0: none */
+
+    struct deflicker deflicker;
+    struct deflicker_result exposure; /* of the last sky */
+    bool restored;                    /* the last sky's sun */
+    struct sun_pair pairs[PAIRS];
+    size_t pair_count;
+    bool learnt; /* the alignment is settled */
+    struct alignment alignment;
+    float *turning; /* owned; buffer of as many floats as */
+    size_t turning_capacity;
     unsigned said, said_decoding;
 };
 
-enum { SAID_SIZE = 1, SAID_SECOND = 2, SAID_JUMP = 4, SAID_STILL = 8 };
+enum { SAID_SIZE = 1, SAID_SECOND = 2, SAID_JUMP = 4, SAID_STILL = 8, SAID_SUN = 16, SAID_TIME = 32 };
 
 static void say(struct between *b, unsigned what, const struct sky *s, const char *text)
 {
@@ -54,9 +84,14 @@ static void say(struct between *b, unsigned what, const struct sky *s, const cha
     b->said |= what;
 }
 
+bool between_corrects(const struct between_desc *d)
+{
+    return d->deflicker || d->align || d->sun != BETWEEN_SUN_KEEP;
+}
+
 bool between_is_used(const struct between_desc *d)
 {
-    return d->mode != BETWEEN_OFF && d->hold > 1;
+    return d->hold > 1 || between_corrects(d);
 }
 
 enum err between_create(const struct between_desc *desc, struct between **out)
@@ -86,6 +121,7 @@ void between_destroy(struct between *b)
         sun_patch_finish(&b->skies[k].sun);
     }
     environment_destroy(b->reader);
+    mem_free(b->turning);
     drift_finish(&b->drift);
     mem_free(b);
 }
@@ -94,6 +130,7 @@ void between_forget(struct between *b)
 {
     b->count = 0;
     b->drift_of = 0;
+    b->deflicker = (struct deflicker){ .count = 0 };
 }
 
 uint32_t between_count(const struct between *b)
@@ -122,7 +159,7 @@ static void copy_texels(struct between *b, bool latlong, struct sky *s)
     for (uint32_t y = 0; y < s->height; y++)
         for (uint32_t x = 0; x < s->width; x++) {
             double w[3];
-            sun_texel_direction(s->width, s->height, x, y, w);
+            texel_direction(s->width, s->height, x + 0.5, y + 0.5, w);
             environment_lookup(e, (struct vec3){ (float)w[0], (float)w[1], (float)w[2] },
                                s->rest + 3 * ((size_t)y * s->width + x));
         }
@@ -179,26 +216,137 @@ static void describe(struct sky *s, const struct frame *f)
     memcpy(s->about.name, f->name, sizeof(s->about.name));
 }
 
+/* Multiplies by what makes the exposure steady. */
+static void steady(struct between *b, struct sky *s)
+{
+    const struct sky *before = b->count > 0 ? s - 1 : NULL;
+    struct deflicker_result *r = &b->exposure;
+
+    deflicker_take(&b->deflicker, s->rest, s->width, s->height, before ? s->seconds - before->seconds : 0.0, r);
+    if (r->jumped)
+        log_info("%s: the exposure jumped; it is undone, %+.2f stops from here on", s->about.name, (double)r->stops);
+    for (size_t k = 0; k < 3 * (size_t)s->width * s->height; k++)
+        s->rest[k] *= r->gain[k % 3];
+}
+
+static enum err give_sun(struct between *b, struct sky *s, struct reason *why)
+{
+    const struct restore_desc desc = { .lux = fmax(b->desc.sun, 0.0), .units = s->about.units };
+    struct restored r;
+    const enum err e = restore_sun(s->rest, s->width, s->height, &desc, &r, why);
+
+    b->restored = !e && r.kind == RESTORE_ADDED;
+    if (!e && r.note[0])
+        say(b, SAID_SUN, s, r.note);
+    return e;
+}
+
+/* When it was taken: by its sender, the file, or its name; microseconds, 0: nobody says. */
+static int64_t taken_us(const struct between *b, const struct frame *f)
+{
+    const int64_t own = b->reader->image.taken_us;
+
+    return f->capture_us ? f->capture_us : own ? own : taken_from_name(f->name);
+}
+
+/* Notes where the sun was seen, and fits the alignment. */
+static void note_sun(struct between *b, const double seen[3], int64_t us)
+{
+    struct sun_pair *p = &b->pairs[b->pair_count % PAIRS];
+
+    memcpy(p->seen, seen, sizeof(p->seen));
+    align_sun(b->desc.place[0], b->desc.place[1], us, p->known);
+    b->pair_count++;
+    const enum align_kind before = b->alignment.kind;
+    align_fit(b->pairs, b->pair_count < PAIRS ? b->pair_count : PAIRS, &b->alignment);
+    if (b->alignment.kind != before && !b->learnt)
+        log_info("%s", b->alignment.note);
+}
+
+/* Turns the sky without its sun, and the sun. About the vertical alone the map is turned where it is looked up,
+ * exactly; otherwise it is resampled. */
+static enum err align(struct between *b, const struct frame *f, struct sky *s)
+{
+    const struct alignment *a = &b->alignment;
+    const size_t floats = 3 * (size_t)s->width * s->height;
+    const int64_t us = taken_us(b, f);
+    double w[3];
+
+    s->turned = false;
+    if (us == 0)
+        say(b, SAID_TIME, s, "nothing says when it was taken, so that --align sun has no sun to go by");
+    if (!b->learnt && us != 0 && s->sun.found)
+        note_sun(b, s->sun.direction, us);
+    if (a->kind == ALIGN_AZIMUTH)
+        s->about.turn += atan2(a->r[0][2], a->r[0][0]) * 180.0 / PI;
+    if (a->kind != ALIGN_ROTATION)
+        return ERR_OK;
+    if (b->turning_capacity < floats) {
+        mem_free(b->turning);
+        b->turning = mem_alloc(floats, sizeof(float));
+        b->turning_capacity = b->turning ? floats : 0;
+    }
+    if (!b->turning)
+        return ERR_NOMEM;
+    align_apply((const double(*)[3])a->r, s->rest, b->turning, s->width, s->height);
+    float *rest = s->rest;
+    const size_t capacity = s->capacity;
+    s->rest = b->turning;
+    s->capacity = b->turning_capacity;
+    b->turning = rest;
+    b->turning_capacity = capacity;
+    for (int i = 0; i < 3; i++)
+        w[i] = a->r[i][0] * s->sun.direction[0] + a->r[i][1] * s->sun.direction[1] + a->r[i][2] * s->sun.direction[2];
+    memcpy(s->sun.direction, w, sizeof(w));
+    s->turned = true;
+    return ERR_OK;
+}
+
+/* Decodes f into s->rest; sets its size, but checks nothing against the window. */
+static enum err read_sky(struct between *b, const struct frame *f, const struct image_decoder *decoder, struct sky *s,
+                         bool *latlong, struct reason *why)
+{
+    struct environment *e = b->reader;
+
+    e->decoder = decoder;
+    const enum err result = environment_decode(e, f, why);
+    e->decoder = NULL;
+    e->rotation = 0.0; /* what turns the map turns the result */
+    return result ? result : set_size(b, s, latlong, why);
+}
+
+/* What the camera did is undone, and the sun is taken out. */
+static enum err prepare(struct between *b, const struct frame *f, struct sky *s, struct reason *why)
+{
+    enum err e = ERR_OK;
+
+    if (b->desc.deflicker)
+        steady(b, s);
+    if (b->desc.sun != BETWEEN_SUN_KEEP)
+        e = give_sun(b, s, why);
+    if (e)
+        return e;
+    e = sun_patch_take(s->rest, s->width, s->height, &s->sun);
+    if (!e && b->desc.align)
+        e = align(b, f, s);
+    return e ? err_say(why, e, "%s: out of memory", f->name) : ERR_OK;
+}
+
 enum err between_take(struct between *b, const struct frame *f, double seconds, const struct image_decoder *decoder,
                       struct reason *why)
 {
-    struct environment *e = b->reader;
-    struct sky size;
+    struct sky size = { .width = 0 };
     bool latlong = false;
 
-    e->decoder = decoder;
-    enum err result = environment_decode(e, f, why);
-    e->decoder = NULL;
-    e->rotation = 0.0; /* what turns the map turns the result */
-    if (!result)
-        result = set_size(b, &size, &latlong, why);
+    enum err result = read_sky(b, f, decoder, &size, &latlong, why);
     if (result)
         return result;
-    environment_report(e, &b->said_decoding);
+    environment_report(b->reader, &b->said_decoding);
     struct sky *last = b->count > 0 ? &b->skies[b->count - 1] : NULL;
     if (last && (last->width != size.width || last->height != size.height)) {
         say(b, SAID_SIZE, last, "the next sky has another size: there are no images between skies of different sizes");
-        between_forget(b);
+        b->count = 0;
+        b->drift_of = 0;
     }
     struct sky *s = next_place(b);
     s->width = size.width;
@@ -208,8 +356,9 @@ enum err between_take(struct between *b, const struct frame *f, double seconds, 
     copy_texels(b, latlong, s);
     s->seconds = seconds;
     describe(s, f);
-    if (sun_patch_take(s->rest, s->width, s->height, &s->sun))
-        return err_say(why, ERR_NOMEM, "%s: out of memory", f->name);
+    result = prepare(b, f, s, why);
+    if (result)
+        return result;
     if (s->sun.found && s->sun.others > SECOND && b->desc.mode != BETWEEN_OFF)
         say(b, SAID_SECOND, s, "there is more than one sun: the brightest moves, the others fade");
     s->serial = ++b->serial;
@@ -217,12 +366,31 @@ enum err between_take(struct between *b, const struct frame *f, double seconds, 
     return ERR_OK;
 }
 
-/* ---- Showing skies ---- */
-
-static double angle_between(const double a[3], const double b[3])
+enum err between_learn(struct between *b, const struct frame *f, struct reason *why)
 {
-    return acos(fmax(-1.0, fmin(1.0, a[0] * b[0] + a[1] * b[1] + a[2] * b[2])));
+    struct sky s = { .width = 0 };
+    bool latlong = false;
+
+    enum err e = read_sky(b, f, NULL, &s, &latlong, why);
+    const int64_t us = e ? 0 : taken_us(b, f);
+    if (e || us == 0)
+        return e;
+    e = reserve(&s);
+    if (!e) {
+        copy_texels(b, latlong, &s);
+        e = sun_patch_take(s.rest, s.width, s.height, &s.sun);
+    }
+    if (!e && s.sun.found) {
+        b->learnt = false;
+        note_sun(b, s.sun.direction, us);
+    }
+    b->learnt = true;
+    mem_free(s.rest);
+    sun_patch_finish(&s.sun);
+    return e ? err_say(why, e, "%s: out of memory", f->name) : ERR_OK;
 }
+
+/* ---- Showing skies ---- */
 
 /* Whether two skies in a row have one sun, as far as is seen. */
 static bool same_sun(const struct sky *a, const struct sky *b)
@@ -230,14 +398,15 @@ static bool same_sun(const struct sky *a, const struct sky *b)
     return !a->sun.found || !b->sun.found || angle_between(a->sun.direction, b->sun.direction) < FAR;
 }
 
-/* The marks of the sun that is in the window's skies from..to, and around them as long as it is the same. */
+/* The marks of the sun that is in the window's skies from..to, of the sky before and of the one after, if it is the
+ * same there: no more, so that an image is the same whatever else the window has. */
 static uint32_t collect_marks(const struct between *b, uint32_t from, uint32_t to, struct sun_mark *marks)
 {
     uint32_t count = 0;
 
-    while (from > 0 && same_sun(&b->skies[from - 1], &b->skies[from]))
+    if (from > 0 && same_sun(&b->skies[from - 1], &b->skies[from]))
         from--;
-    while (to + 1 < b->count && same_sun(&b->skies[to], &b->skies[to + 1]))
+    if (to + 1 < b->count && same_sun(&b->skies[to], &b->skies[to + 1]))
         to++;
     for (uint32_t k = from; k <= to; k++) {
         const struct sky *s = &b->skies[k];
@@ -312,7 +481,10 @@ static void show_one(const struct between *b, uint32_t k, double seconds, float 
     memcpy(rgb, s->rest, 3 * (size_t)s->width * s->height * sizeof(float));
     const uint32_t count = collect_marks(b, k, k, marks);
     if (seconds <= s->seconds || k + 1 < b->count || count < 2 || !s->sun.found || b->desc.mode == BETWEEN_OFF) {
-        sun_patch_restore(&s->sun, rgb);
+        if (s->turned)
+            put(s, &s->sun, s->sun.direction, 1.0, rgb);
+        else
+            sun_patch_restore(&s->sun, rgb);
         return;
     }
     sun_way(marks, count, fmin(seconds, 2.0 * s->seconds - marks[count - 2].seconds), w);
@@ -359,11 +531,20 @@ enum err between_show(struct between *b, double seconds, struct frame *out)
     return ERR_OK;
 }
 
-const char *between_state(const struct between *b)
+const char *between_state(const struct between *b, char *out, size_t size)
 {
-    if (b->desc.mode == BETWEEN_OFF)
-        return "each sky is shown until the next";
-    if (b->desc.mode == BETWEEN_MOTION && b->drift_of && b->drift.moves)
-        return "the sun and the clouds move";
-    return "the sun moves, the rest fades";
+    const struct alignment *a = &b->alignment;
+    const bool moves = b->desc.mode == BETWEEN_MOTION && b->drift_of && b->drift.moves;
+    size_t used = (size_t)snprintf(out, size, "%s",
+                                   b->desc.mode == BETWEEN_OFF ? "each sky is shown until the next"
+                                   : moves                     ? "the sun and the clouds move"
+                                                               : "the sun moves, the rest fades");
+
+    if (b->desc.deflicker && used < size)
+        used += (size_t)snprintf(out + used, size - used, "; exposure %+.2f stops", (double)b->exposure.stops);
+    if (b->restored && used < size)
+        used += (size_t)snprintf(out + used, size - used, "; a clipped sun was restored");
+    if (a->kind != ALIGN_NONE && used < size)
+        (void)snprintf(out + used, size - used, "; turned by %.1f degrees to north", a->azimuth);
+    return out;
 }

@@ -29,15 +29,32 @@ extern const struct setting_choice between_choices[];
 
 #define BETWEEN_HOLD_MAX 1000
 
-struct between_desc {
-    enum between_mode mode;
-    uint32_t hold;      /* of a sequence: images from one sky to the next; 0: 1 */
-    enum layout layout; /* as environment_desc; */
-    const char *layer;  /* likewise; borrowed */
-    uint32_t max_side;  /* likewise */
+enum between_align {
+    BETWEEN_ALIGN_OFF,
+    BETWEEN_ALIGN_SUN,
 };
 
-/* Whether images differ from the source's frames. */
+/* What between_desc.sun may be instead of an illuminance. */
+#define BETWEEN_SUN_KEEP 0.0
+#define BETWEEN_SUN_AUTO (-1.0)
+
+extern const struct setting_choice between_sun_choices[];
+extern const struct setting_choice between_align_choices[];
+
+struct between_desc {
+    enum between_mode mode;
+    uint32_t hold;  /* of a sequence: images from one sky to the next; 0: 1 */
+    bool deflicker; /* undo a camera's scatter of exposure and white balance (deflicker.h); needs skies in order */
+    double sun; /* restore a clipped sun (restore.h) so that the sky has this horizontal illuminance, lux; or a word */
+    enum between_align align; /* turn skies so that their suns stand where they must (align.h), at this place: */
+    double place[2];          /* latitude, longitude, degrees */
+    enum layout layout;       /* as environment_desc; */
+    const char *layer;        /* likewise; borrowed */
+    uint32_t max_side;        /* likewise */
+};
+
+bool between_corrects(const struct between_desc *d); /* whether it changes the skies themselves */
+/* Whether images of a sequence differ from its frames. */
 bool between_is_used(const struct between_desc *d);
 
 struct between;
@@ -51,6 +68,10 @@ void between_destroy(struct between *b); /* NULL is allowed */
 MUST_CHECK enum err between_take(struct between *b, const struct frame *f, double seconds,
                                  const struct image_decoder *decoder, struct reason *why);
 
+/* Looks at the sun of a sky and no more, so that the alignment is known before the first is shown: of some frames of a
+ * sequence, spread over it. After the first call between_take no longer refines it. Errors as those of between_take. */
+MUST_CHECK enum err between_learn(struct between *b, const struct frame *f, struct reason *why);
+
 /* Empties the window: what follows has nothing to do with what was before. */
 void between_forget(struct between *b);
 
@@ -63,6 +84,6 @@ double between_seconds(const struct between *b, uint32_t k);
  * last: it with its sun moved on, by up to the last interval. The window must not be empty. ERR_NOMEM. */
 MUST_CHECK enum err between_show(struct between *b, double seconds, struct frame *out);
 
-/* What happens between the window's last two skies, for people: "clouds move", "fades: no motion explains the next sky
- * better". Static. */
-const char *between_state(const struct between *b);
+/* What happens between the window's last two skies and what was corrected, for people, such as "the sun moves, the rest
+ * fades; the sun was restored". Returns out. */
+const char *between_state(const struct between *b, char *out, size_t size);

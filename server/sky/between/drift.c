@@ -11,7 +11,8 @@
  * zenith. LEVELS: of the pyramid, halved each time. ROUNDS: on each level. WINDOW: radius over which a place has one
  * motion, texels of its level. STIFF: holds still what has no contrast, in squares of log luminance. AGREE: the way
  * back ends at most so far from where the way there began. WORTH: a motion must leave at most this share of what
- * standing still leaves. EDGE: no motion from here on to the horizon, where it is foreshortened to nothing. */
+ * standing still leaves. EDGE: no motion from here on to the horizon, where it is foreshortened to nothing. ALIKE:
+ * skies that differ by less, squared log luminance, have nothing to move. */
 #define SIDE DRIFT_SIDE
 #define AREA ((size_t)SIDE * SIDE)
 #define WINDS 31
@@ -23,6 +24,7 @@
 #define AGREE 0.04f
 #define WORTH 0.8
 #define EDGE 0.95f
+#define ALIKE 1e-5
 #define NODE 8 /* texels between places whose motion is computed; bilinear between them */
 
 /* Thumbnails of all levels, one after another, and the buffers of a round. */
@@ -343,7 +345,7 @@ enum err drift_find(struct drift *d, const float *first, const float *second, ui
     trust(&w, d->flow);
     const double still = misfit(w.image[0][0], w.image[1][0], SIDE, none, NULL);
     const double left = misfit(w.image[0][0], w.image[1][0], SIDE, NULL, d->flow);
-    d->gain = still > 0.0 ? left / still : 1.0;
+    d->gain = still > ALIKE ? left / still : 1.0;
     d->moves = d->gain < WORTH;
     const uint32_t zenith = SIDE / 2 * SIDE + SIDE / 2;
     d->pole =

@@ -3,6 +3,7 @@
 #include "base/luminance.h"
 #include "base/mem.h"
 #include "base/vec.h"
+#include "sky/between/texel.h"
 #include "sky/daylight/sky.h"
 
 #include <math.h>
@@ -23,26 +24,6 @@ struct view {
     uint32_t width, height;
 };
 
-void sun_texel_direction(uint32_t width, uint32_t height, uint32_t x, uint32_t y, double w[3])
-{
-    const double theta = PI * (y + 0.5) / height, phi = PI - 2.0 * PI * (x + 0.5) / width;
-
-    w[0] = sin(theta) * sin(phi);
-    w[1] = cos(theta);
-    w[2] = sin(theta) * cos(phi);
-}
-
-static double brightness(const struct view *v, uint32_t at)
-{
-    return (double)rgb_luminance(v->rgb[3 * (size_t)at], v->rgb[3 * (size_t)at + 1], v->rgb[3 * (size_t)at + 2]);
-}
-
-/* Of a texel of row y, sr. */
-static double solid_angle(const struct view *v, uint32_t y)
-{
-    return 2.0 * PI / v->width * (cos(PI * y / v->height) - cos(PI * (y + 1.0) / v->height));
-}
-
 /* Mean over the sphere of min(luminance, most), by every step-th texel of every step-th row. */
 static double clamped_mean(const struct view *v, double most)
 {
@@ -52,9 +33,9 @@ static double clamped_mean(const struct view *v, double most)
     for (uint32_t y = step / 2; y < v->height; y += step) {
         double row = 0.0, count = 0.0;
         for (uint32_t x = step / 2; x < v->width; x += step, count += 1.0)
-            row += fmin(brightness(v, y * v->width + x), most);
-        sum += row * solid_angle(v, y);
-        whole += count * solid_angle(v, y);
+            row += fmin(texel_luminance(v->rgb, y * v->width + x), most);
+        sum += row * texel_solid_angle(v->width, v->height, y);
+        whole += count * texel_solid_angle(v->width, v->height, y);
     }
     return sum / whole;
 }
@@ -69,14 +50,7 @@ static double find_level(const struct view *v, double *mean)
     return level;
 }
 
-static double angle_between(const double a[3], const double b[3])
-{
-    const double d[3] = { a[0] - b[0], a[1] - b[1], a[2] - b[2] };
-
-    return 2.0 * asin(fmin(1.0, 0.5 * sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])));
-}
-
-/* Calls do(x, y, angle) of the texels within `reach` of the centre. */
+/* The texels within `reach` of the centre, one after another. */
 struct cap {
     const struct view *v;
     double centre[3], reach;
@@ -91,7 +65,7 @@ static bool next_texel(struct cap *c, uint32_t *at, double w[3], double *angle)
         if (fabs(step * (c->y + 0.5) - theta) > c->reach)
             continue;
         for (; c->x < c->v->width; c->x++) {
-            sun_texel_direction(c->v->width, c->v->height, c->x, c->y, w);
+            texel_direction(c->v->width, c->v->height, c->x + 0.5, c->y + 0.5, w);
             *angle = angle_between(w, c->centre);
             if (*angle <= c->reach) {
                 *at = c->y * c->v->width + c->x++;
@@ -119,14 +93,15 @@ static double find_middle(const struct view *v, double level, double centre[3])
     uint32_t at;
 
     while (next_texel(&c, &at, w, &angle)) {
-        const double above = (brightness(v, at) - level) * solid_angle(v, at / v->width);
+        const double above =
+            (texel_luminance(v->rgb, at) - level) * texel_solid_angle(v->width, v->height, at / v->width);
         for (int k = 0; k < 3 && above > 0.0; k++)
             sum[k] += above * w[k];
     }
     normalise(sum);
     c = (struct cap){ .v = v, .centre = { sum[0], sum[1], sum[2] }, .reach = 1.5 * REACH };
     while (next_texel(&c, &at, w, &angle))
-        most = brightness(v, at) > level ? fmax(most, angle) : most;
+        most = texel_luminance(v->rgb, at) > level ? fmax(most, angle) : most;
     for (int k = 0; k < 3; k++)
         centre[k] = sum[k];
     return most;
@@ -141,7 +116,7 @@ static void measure_ring(const struct view *v, const double centre[3], double in
     uint32_t at;
 
     while (next_texel(&c, &at, w, &angle)) {
-        if (angle <= inner || brightness(v, at) > level)
+        if (angle <= inner || texel_luminance(v->rgb, at) > level)
             continue;
         for (int k = 0; k < 3; k++)
             sum[k] += (double)v->rgb[3 * (size_t)at + (size_t)k];
@@ -196,13 +171,13 @@ static void find_moments(const struct view *v, const struct sun_patch *p, const 
     double w[3], whole = 0.0, square = 0.0, sum[3] = { 0.0 };
 
     for (uint32_t i = 0; i < p->count; i++) {
-        sun_texel_direction(v->width, v->height, p->texels[i].at % v->width, p->texels[i].at / v->width, w);
+        texel_direction(v->width, v->height, p->texels[i].at % v->width + 0.5, p->texels[i].at / v->width + 0.5, w);
         for (int k = 0; k < 3; k++)
             sum[k] += light[i] * w[k];
     }
     normalise(sum);
     for (uint32_t i = 0; i < p->count; i++) {
-        sun_texel_direction(v->width, v->height, p->texels[i].at % v->width, p->texels[i].at / v->width, w);
+        texel_direction(v->width, v->height, p->texels[i].at % v->width + 0.5, p->texels[i].at / v->width + 0.5, w);
         const double angle = angle_between(w, sum);
         square += light[i] * angle * angle;
         whole += light[i];
@@ -223,7 +198,8 @@ static void try_disc(const struct view *v, const struct sun_patch *p, const doub
     put_rows(&rows, first, end, direction, SUN_RADIUS, one);
     for (uint32_t i = 0; i < p->count; i++) {
         const uint32_t at = p->texels[i].at;
-        light[i] = (double)band[3 * (size_t)(at - first * v->width)] * solid_angle(v, at / v->width);
+        light[i] =
+            (double)band[3 * (size_t)(at - first * v->width)] * texel_solid_angle(v->width, v->height, at / v->width);
     }
 }
 
@@ -275,7 +251,7 @@ static enum err measure_sun(const struct view *v, const double centre[3], double
     if (!taken)
         return ERR_NOMEM;
     for (uint32_t i = 0; i < p->count; i++) {
-        const double size = solid_angle(v, p->texels[i].at / v->width);
+        const double size = texel_solid_angle(v->width, v->height, p->texels[i].at / v->width);
         double above[3];
         for (int k = 0; k < 3; k++) {
             above[k] = fmax(0.0, (double)p->texels[i].rgb[k] - ring[k]) * size;
@@ -295,7 +271,7 @@ static uint32_t find_brightest(const struct view *v)
     double most = -1.0;
 
     for (uint32_t k = 0; k < count; k++) {
-        const double g = brightness(v, k);
+        const double g = texel_luminance(v->rgb, k);
         at = g > most ? k : at;
         most = g > most ? g : most;
     }
@@ -310,8 +286,8 @@ static double all_above(const struct view *v, double level)
     for (uint32_t y = 0; y < v->height; y++) {
         double row = 0.0;
         for (uint32_t x = 0; x < v->width; x++)
-            row += fmax(0.0, brightness(v, y * v->width + x) - level);
-        sum += row * solid_angle(v, y);
+            row += fmax(0.0, texel_luminance(v->rgb, y * v->width + x) - level);
+        sum += row * texel_solid_angle(v->width, v->height, y);
     }
     return sum;
 }
@@ -329,9 +305,9 @@ enum err sun_patch_take(float *rgb, uint32_t width, uint32_t height, struct sun_
         out->energy[k] = 0.0;
     const double level = find_level(&v, &mean);
     const uint32_t brightest = find_brightest(&v);
-    if (!(level > 0.0) || brightness(&v, brightest) <= level)
+    if (!(level > 0.0) || texel_luminance(rgb, brightest) <= level)
         return ERR_OK;
-    sun_texel_direction(width, height, brightest % width, brightest / width, centre);
+    texel_direction(width, height, brightest % width + 0.5, brightest / width + 0.5, centre);
     const double reach = find_middle(&v, level, centre) + 1.5 * side, above = all_above(&v, level);
     if (reach > 1.4 * REACH + 1.5 * side)
         return ERR_OK;

@@ -42,9 +42,6 @@ void sun_patch_finish(struct sun_patch *p); /* frees; zeroed memory is allowed *
 /* Puts the texels that were changed back as they were: the image is that before sun_patch_take, bit for bit. */
 void sun_patch_restore(const struct sun_patch *p, float *rgb);
 
-/* The unit direction of the middle of a texel. */
-void sun_texel_direction(uint32_t width, uint32_t height, uint32_t x, uint32_t y, double w[3]);
-
 /* Adds a uniform disc of this energy. */
 void sun_put(float *rgb, uint32_t width, uint32_t height, const double direction[3], double radius,
              const double energy[3]);

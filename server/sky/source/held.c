@@ -12,7 +12,8 @@
 #include <math.h>
 
 #define NONE UINT64_MAX
-#define GAP 4.0 /* a longer interval than so many means is told */
+#define GAP 4.0  /* a longer interval than so many means is told */
+#define LOOKS 10 /* frames by whose suns a sequence is aligned */
 
 struct held {
     struct between *between;
@@ -80,7 +81,7 @@ static enum err take_times(struct source *s)
 {
     struct held *h = s->held;
 
-    if (s->kind != SOURCE_FILES || s->repeats || h->count < 2)
+    if (s->kind != SOURCE_FILES || s->repeats || h->count < 2 || h->hold == 1)
         return ERR_OK;
     h->seconds = mem_alloc((size_t)h->count, sizeof(*h->seconds));
     if (!h->seconds)
@@ -95,17 +96,38 @@ static enum err take_times(struct source *s)
     return ERR_OK;
 }
 
+/* Looks at the suns of frames all over the sequence. A frame that cannot be used is named when its turn comes. */
+static enum err learn(struct source *s, struct reason *why)
+{
+    struct held *h = s->held;
+    const uint64_t looks = h->count < LOOKS ? h->count : LOOKS;
+    enum err e = ERR_OK;
+
+    for (uint64_t k = 0; k < looks && e != ERR_NOMEM; k++) {
+        e = source_seek_sky(s, looks > 1 ? k * (h->count - 1) / (looks - 1) : 0) ? ERR_OK : ERR_END;
+        if (!e)
+            e = source_next_sky(s, &h->frame, why);
+        if (!e && h->frame.kind != FRAME_NONE)
+            e = between_learn(h->between, &h->frame, why);
+    }
+    s->position = 0;
+    (void)source_seek_sky(s, 0);
+    return e == ERR_NOMEM ? e : ERR_OK;
+}
+
 enum err held_create(struct source *s, const struct between_desc *desc, struct reason *why)
 {
     struct held *h = s->held = mem_alloc(1, sizeof(*h));
     enum err e = h ? between_create(desc, &h->between) : ERR_NOMEM;
 
     if (!e) {
-        h->hold = desc->hold;
+        h->hold = desc->hold > 1 ? desc->hold : 1;
         h->count = source_count_skies(s);
         h->missing = h->count ? mem_alloc((size_t)h->count, sizeof(*h->missing)) : NULL;
         e = h->count && !h->missing ? ERR_NOMEM : take_times(s);
     }
+    if (!e && desc->align)
+        e = learn(s, why);
     return e ? err_say(why, e, "%s: out of memory", s->desc.spec) : ERR_OK;
 }
 

@@ -4,6 +4,7 @@
 
 #include "base/luminance.h"
 #include "sky/between/sun_patch.h"
+#include "sky/between/texel.h"
 #include "support/skies.h"
 
 #include <math.h>
@@ -36,7 +37,7 @@ static inline double light_of(const float *rgb, uint32_t width, uint32_t height,
             const double g = (double)rgb_luminance(t[0], t[1], t[2]) * 2.0 * PI / width *
                              (cos(PI * y / height) - cos(PI * (y + 1.0) / height));
             double w[3];
-            sun_texel_direction(width, height, x, y, w);
+            texel_direction(width, height, x + 0.5, y + 0.5, w);
             for (int c = 0; c < 3; c++)
                 middle[c] += g * w[c];
             sum += g;
@@ -71,7 +72,7 @@ static inline struct frame cloudy(uint32_t width, uint32_t height, double east, 
     for (uint32_t y = 0; y < height; y++)
         for (uint32_t x = 0; x < width; x++) {
             double w[3];
-            sun_texel_direction(width, height, x, y, w);
+            texel_direction(width, height, x + 0.5, y + 0.5, w);
             const float g = cloud(w, by);
             sky_paint(&f, x, y, 0.8f * g, g, 1.2f * g);
         }

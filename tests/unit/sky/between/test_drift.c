@@ -50,10 +50,27 @@ static void the_wind_is_found_and_followed(void **state)
     mem_free(out);
 }
 
+/* Clouds of another form. */
+static struct frame unlike(void)
+{
+    static const double by[2] = { 3.0, 5.0 };
+    struct frame f = sky_constant(W, H, 0.0f);
+
+    for (uint32_t y = 0; y < H; y++)
+        for (uint32_t x = 0; x < W; x++) {
+            double w[3];
+            texel_direction(W, H, x + 0.5, y + 0.5, w);
+            const double turned[3] = { 1.9 * w[2] + 0.7 * w[0] * w[2], w[1], 0.4 * w[0] };
+            const float g = cloud(turned, by);
+            sky_paint(&f, x, y, g, g, g);
+        }
+    return f;
+}
+
 /* Bright ground and horizon do not drag along what stands still. */
 static void what_stands_still_or_changes_at_random_fades(void **state)
 {
-    struct frame still = cloudy(W, H, 0.0, 0.0), brighter = cloudy(W, H, 0.0, 0.0), other = cloudy(W, H, 40.0, 70.0);
+    struct frame still = cloudy(W, H, 0.0, 0.0), brighter = cloudy(W, H, 0.0, 0.0), other = unlike();
     struct drift d = { .moves = true };
     (void)state;
 
