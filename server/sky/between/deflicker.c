@@ -13,7 +13,6 @@ enum { CELLS = DEFLICKER_HIGH * DEFLICKER_WIDE };
 /* Tuned with docs/examples/timelapse.py: what lasts two or three minutes is taken for light. */
 #define LEVEL_S 150.0       /* within which the level follows the camera's path, and the steady one the level */
 #define TREND_S 300.0       /* the trend the level */
-#define FAST_GAIN 0.6       /* part of an error that the level takes while they have one sign */
 #define ERROR_MEAN 0.1      /* weight of the newest error in their mean */
 #define FOUND_ERROR 0.003   /* of the camera's ratio as it is found: a scatter of this size is not the camera's */
 #define JUMP 0.173          /* a quarter of a stop: least jump */
@@ -122,7 +121,18 @@ static double narrow(const struct ratio *r, size_t *from, size_t *to)
     return width;
 }
 
-/* The commonest ratio: the mean of the densest eighth. *spread: the width of the densest half. */
+static double median_of(const struct ratios *r)
+{
+    double sum = 0.0;
+    size_t i = 0;
+
+    while (i + 1 < r->count && sum + (double)r->at[i].weight < 0.5 * r->weight)
+        sum += (double)r->at[i++].weight;
+    return (double)r->at[i].log;
+}
+
+/* The commonest ratio: the mean of the densest eighth, where that is a peak. Where all texels move, their ratios have
+ * none, and the densest eighth is anywhere; the median then errs least. *spread: the width of the densest half. */
 static double mode_of(const struct ratios *r, double *spread)
 {
     size_t from = 0, to = r->count;
@@ -130,12 +140,14 @@ static double mode_of(const struct ratios *r, double *spread)
 
     *spread = narrow(r->at, &from, &to);
     (void)narrow(r->at, &from, &to);
-    (void)narrow(r->at, &from, &to);
+    const double peak = narrow(r->at, &from, &to) / fmax(*spread, 1e-9);
     for (size_t i = from; i < to; i++) {
         sum += (double)r->at[i].weight * (double)r->at[i].log;
         weight += (double)r->at[i].weight;
     }
-    return sum / weight;
+    /* Of a normal distribution `peak` is 0.23, of a clear sky with some clouds 0.07. */
+    const double flat = fmin(fmax((peak - 0.1) / 0.1, 0.0), 1.0);
+    return (1.0 - flat) * sum / weight + flat * median_of(r);
 }
 
 /* Whether most of the sky changed as its mode did. */
@@ -160,11 +172,11 @@ static void track(struct deflicker_channel *c, double step, double seconds, unsi
     double bias = count > 4 && c->scatter > 0.0 ? fmin(fmax(2.0 * fabs(c->error) / c->scatter - 1.0, 0.0), 1.0) : 0.0;
     bias *= bias * (3.0 - 2.0 * bias);
     /* The first skies are averaged. */
-    const double slow = 1.0 - exp(-seconds / LEVEL_S), gain = fmax(slow + (fmax(FAST_GAIN, slow) - slow) * bias, first);
+    const double slow = 1.0 - exp(-seconds / LEVEL_S), gain = fmax(slow + (1.0 - slow) * bias, first);
     c->level = expected + gain * error;
     c->trend += gain * (1.0 - exp(-seconds / TREND_S)) * error / seconds;
     c->steady += c->trend * seconds - step;
-    c->steady += fmax(slow + (1.0 - slow) * bias, first) * (c->level - c->steady);
+    c->steady += gain * (c->level - c->steady);
 }
 
 /* A jump is the camera's. A large change that most of the sky does not share is the weather's: the camera did nothing.

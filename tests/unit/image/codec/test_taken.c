@@ -37,6 +37,8 @@ static void calendar_has_the_gregorian_days(void **state)
     assert_int_equal(calendar_of_text("2024-06-12 14:30:05", 19), 0);
     assert_int_equal(calendar_of_text("0000:00:00 00:00:00", 19), 0);
     assert_int_equal(calendar_of_text("2024:06:31 14:30:05", 19), 0);
+    assert_int_equal(calendar_of_text("2024:06:12 14:30:61", 19), 0);
+    assert_int_equal(calendar_of_text("2024:06:12 14:30:60", 19), NOON + 55000000);
 }
 
 static void decode_exr_with(const struct made_attribute *more, struct image *im)
@@ -212,6 +214,7 @@ static void a_jpeg_says_when_it_was_taken(void **state)
         { "1970:01:01 01:00:00", "", "+02:00", 0, false },
         { "    :  :     :  :  ", "5", "+02:00", 0, true },
         { "0000:00:00 00:00:00", "", "", 0, true },
+        { "2024:06:12 14:30:05             ", "", "", 0, false }, /* longer than any time */
         { "", "", "", 0, false },
     };
     struct image im = { 0 };

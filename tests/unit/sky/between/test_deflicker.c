@@ -1,12 +1,13 @@
 /* The camera's share of what changes from sky to sky is found and undone, the weather's and the sun's stays. Skies are
- * made here: a gradient, patches of cloud that drift, ground, and a sun of one texel, 1e5 times as bright. */
+ * made here: a gradient with thin haze, patches of cloud that drift, ground, and a sun of one texel, 1e5 times as
+ * bright. */
 #include "support/unit.h"
 
 #include "sky/between/deflicker.h"
 
 #include <math.h>
 
-enum { WIDE = 128, HIGH = 64, FRAMES = 120, FIRST = 10 }; /* FIRST: from here on its start is forgotten */
+enum { WIDE = 128, HIGH = 64, FRAMES = 130, FIRST = 10 }; /* FIRST: from here on its start is forgotten */
 
 #define STEP_S 15.0
 
@@ -19,11 +20,15 @@ static void make_sky(int frame, int wide, int high, double light, double veil)
         for (int x = 0; x < wide; x++) {
             const double u = 128.0 * x / wide, v = 64.0 * y / high, at = u - frame;
             const double shape = sin(0.21 * at) + sin(0.13 * at + 0.3 * v) + sin(0.05 * at - 0.2 * v);
-            const double cloud = fmin(fmax(shape - 0.5, 0.0), 1.0), up = 1.0 - v / 32.0;
+            const double cloud = fmin(fmax(shape - 0.3, 0.0), 1.0), up = 1.0 - v / 32.0;
+            const double haze = 1.0 + 0.01 * sin(0.3 * at + 0.2 * v);
             const double tint[3] = { 0.3 - 0.1 * up, 0.5 - 0.1 * up, 0.9 };
             float *texel = rgb + 3 * (y * wide + x);
             for (int c = 0; c < 3; c++)
-                texel[c] = (float)(light * (v >= 32.0 ? 0.1 : tint[c] * (1.0 - cloud) + (1.1 - 0.2 * up) * cloud));
+                texel[c] = (float)(light * haze *
+                                   (v >= 32.0 ? 0.1
+                                              : tint[c] * (1.0 - cloud) +
+                                                    (1.1 - 0.2 * up + 0.15 * sin(0.9 * at + 0.4 * v)) * cloud));
             if (x == 90 * wide / 128 && y == 12 * high / 64)
                 for (int c = 0; c < 3; c++)
                     texel[c] = (float)(1e5 * light * veil);
@@ -77,26 +82,25 @@ static void run(double jitter, double white, double (*light)(int frame), double 
 }
 
 /* Root mean squares of the second differences in time, and of the values. */
-static double flicker(const double *v)
+static double flicker(const double *v, int first)
 {
     double sum = 0.0;
 
-    for (int i = FIRST; i < FRAMES; i++)
+    for (int i = first; i < FRAMES; i++)
         sum += (v[i] - 2.0 * v[i - 1] + v[i - 2]) * (v[i] - 2.0 * v[i - 1] + v[i - 2]);
-    return sqrt(sum / (FRAMES - FIRST));
+    return sqrt(sum / (FRAMES - first));
 }
 
-static double deviation(const double *v)
+static double deviation(const double *v, int first)
 {
     double sum = 0.0;
 
-    for (int i = FIRST; i < FRAMES; i++)
+    for (int i = first; i < FRAMES; i++)
         sum += v[i] * v[i];
-    return sqrt(sum / (FRAMES - FIRST));
+    return sqrt(sum / (FRAMES - first));
 }
 
-/* 5 % of exposure and 3 % of white balance flicker by sqrt(6) times as much, 14 %. Clouds that drift make about 0.5 %
- * in the mean of this sky: a fifth of that is not seen. */
+/* 5 % of exposure and 3 % of white balance flicker by sqrt(6) times as much, 14 %: a fiftieth is left. */
 static void jitter_is_taken_out(void **state)
 {
     double left[2][FRAMES];
@@ -104,8 +108,8 @@ static void jitter_is_taken_out(void **state)
     (void)state;
     run(0.05, 0.03, NULL, left);
     for (int k = 0; k < 2; k++)
-        if (!(flicker(left[k]) < 0.0025 && deviation(left[k]) < 0.025))
-            fail_msg("flickers by %.4f, deviates by %.4f", flicker(left[k]), deviation(left[k]));
+        if (!(flicker(left[k], FIRST) < 0.003 && deviation(left[k], FIRST) < 0.025))
+            fail_msg("flickers by %.4f, deviates by %.4f", flicker(left[k], FIRST), deviation(left[k], FIRST));
 }
 
 static void a_steady_camera_is_left_alone(void **state)
@@ -115,14 +119,14 @@ static void a_steady_camera_is_left_alone(void **state)
     (void)state;
     run(0.0, 0.0, NULL, left);
     for (int k = 0; k < 2; k++)
-        if (!(flicker(left[k]) < 0.0005 && deviation(left[k]) < 0.003))
-            fail_msg("flickers by %.4f, deviates by %.4f", flicker(left[k]), deviation(left[k]));
+        if (!(flicker(left[k], FIRST) < 0.0015 && deviation(left[k], FIRST) < 0.008))
+            fail_msg("flickers by %.4f, deviates by %.4f", flicker(left[k], FIRST), deviation(left[k], FIRST));
 }
 
-/* Up to 1.1 stops a degree and a sixteenth of a degree in each frame: 5 % from one to the next. */
+/* Up to 0.8 stops a degree and a twentieth of a degree in each frame: 4 % from one to the next. */
 static double dusk(int frame)
 {
-    const double degrees = frame / 16.0;
+    const double degrees = frame / 20.0;
 
     return exp2(-0.055 * degrees * degrees);
 }
@@ -143,8 +147,9 @@ static void dusk_and_dawn_stay(void **state)
             if (!(fabs(left[0][i]) < 0.02))
                 fail_msg("frame %d of %d is off by %.4f", i, k, left[0][i]);
         run(0.05, 0.0, k ? dawn : dusk, left);
-        if (!(deviation(left[0]) < 0.03 && flicker(left[0]) < 0.01))
-            fail_msg("with scatter, %d is off by %.4f, flickers by %.4f", k, deviation(left[0]), flicker(left[0]));
+        if (!(deviation(left[0], FIRST) < 0.04 && flicker(left[0], FIRST) < 0.01))
+            fail_msg("with scatter, %d is off by %.4f, flickers by %.4f", k, deviation(left[0], FIRST),
+                     flicker(left[0], FIRST));
     }
 }
 
@@ -165,7 +170,7 @@ static void a_cloud_takes_the_sun_in_full(void **state)
 
     (void)state;
     for (int i = 0; i < 80; i++)
-        assert_true(fabs(take(&d, i, 1.0, WIDE, &r) - 1.0) < 0.005 && !r.jumped);
+        assert_true(fabs(take(&d, i, 1.0, WIDE, &r) - 1.0) < 0.01 && !r.jumped);
 }
 
 static void a_jump_is_undone_at_once_and_told(void **state)
@@ -179,6 +184,26 @@ static void a_jump_is_undone_at_once_and_told(void **state)
         const double left = take(&d, i, gain, WIDE, &r);
         if (!(fabs(left - 1.0) < 0.01) || r.jumped != (i == 20 || i == 40))
             fail_msg("frame %d is left with %.4f, jumped: %d", i, left, r.jumped);
+    }
+}
+
+/* Most of the sky is white at every exposure: what is below has the camera's ratio. */
+static void clipped_areas_do_not_count(void **state)
+{
+    static struct deflicker d;
+    struct deflicker_result r;
+
+    (void)state;
+    for (int i = 0; i < 40; i++) {
+        const double gain = i < 20 ? 1.0 : 1.5;
+        make_sky(i, WIDE, HIGH, 1.0, 1.0);
+        for (int k = 0; k < 3 * WIDE * HIGH; k++)
+            rgb[k] = fminf((k / 3 % WIDE < 90 ? 4.0f : 0.4f) * (float)gain * rgb[k], 1.0f);
+        deflicker_take(&d, rgb, WIDE, HIGH, STEP_S, &r);
+        for (int c = 0; c < 3; c++)
+            if (!(fabs(gain * (double)r.gain[c] - 1.0) < 0.02))
+                fail_msg("frame %d, channel %d is left with %.4f", i, c, gain * (double)r.gain[c]);
+        assert_int_equal(r.jumped, i == 20);
     }
 }
 
@@ -228,7 +253,7 @@ static void black_frames_change_nothing(void **state)
         const double left = take(&d, i, black ? 0.0 : i < 13 ? 1.0 : 8.0, WIDE, &r);
         assert_true(r.blind == black && isfinite(r.gain[0]) && r.gain[0] > 0.0f);
         assert_true(r.jumped == (i == 13) && r.restarted == (i < 2));
-        if (!black && !(fabs(left - 1.0) < 0.01))
+        if (!black && !(fabs(left - 1.0) < 0.015))
             fail_msg("frame %d is left with %.4f", i, left);
     }
 }
@@ -282,6 +307,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(dusk_and_dawn_stay),
     cmocka_unit_test(a_cloud_takes_the_sun_in_full),
     cmocka_unit_test(a_jump_is_undone_at_once_and_told),
+    cmocka_unit_test(clipped_areas_do_not_count),
     cmocka_unit_test(what_half_the_sky_does_is_weather),
     cmocka_unit_test(sizes_may_change),
     cmocka_unit_test(black_frames_change_nothing),
