@@ -1,10 +1,9 @@
 /* Steady exposure: finds from one sky to the next what the camera changed, in each channel, and undoes what flickers.
- * Most of a sky hardly changes in seconds, so that the commonest ratio of a texel to itself before is the camera's, and
- * not a cloud's or the sun's. A random share of each image's exposure and white balance is taken out; what goes on for
- * several images (dusk) stays; a jump that all texels share (another shutter speed) is undone for good. Causal: needs
- * no later image.
- * Sources: the mode by half samples [Bickel and Fruehwirth 2006]; a level with a trend [Holt 1957], that follows faster
- * while its errors have one sign [Trigg and Leach 1967]. Thread: one at a time. Allocates nothing; no errors. */
+ * Most of a sky hardly changes in seconds, so that the median ratio of its parts to themselves before is the camera's,
+ * and not a cloud's or the sun's. A random share of each image's exposure and white balance is taken out; what goes on
+ * for several images (dusk) stays; a jump that all texels share (another shutter speed) is undone for good. Causal:
+ * needs no later image. Source: a level with a trend [Holt 1957], that follows faster while its errors have one sign
+ * [Trigg and Leach 1967]. Thread: one at a time. Allocates nothing; no errors. */
 #pragma once
 
 #include <stdbool.h>
