@@ -28,11 +28,11 @@ static float brightest(const struct spot_area *a)
     return most;
 }
 
-/* Whether the spot is compact, flat and well above the rest. */
+/* Whether the spot is compact, flat and well above its surroundings. */
 static bool is_clipped(const struct spot_area *a, const struct spot *s, float most)
 {
     const double reach = 3.0 * s->radius + 3.0 * PI / a->height;
-    double half = 0.0, above = 0.0, whole = 0.0;
+    double half = 0.0;
 
     /* A sun smaller than a texel fills one; elsewhere one bright texel is not flat. */
     const size_t least = PI / a->height > 2.0 * SUN_RADIUS ? 1 : 2;
@@ -43,22 +43,19 @@ static bool is_clipped(const struct spot_area *a, const struct spot *s, float mo
         for (uint32_t x = 0; x < a->width; x++) {
             const float v = texel_brightest(a->rgb, (size_t)y * a->width + x);
             double w[3];
-            whole += o;
             if (!(v >= 0.5f * most))
                 continue;
-            above += o;
             texel_direction(a->width, a->height, x + 0.5, y + 0.5, w);
             if (angle_between(w, s->w) < reach)
                 half += o;
         }
     }
-    return s->solid_angle >= SPOT_FLAT * half && above < 0.5 * whole;
+    return s->solid_angle >= SPOT_FLAT * half;
 }
 
 /* ---- The rest of the sky ---- */
 
 #define LOWEST (10.0 * DEGREE) /* below are trees, houses and haze */
-#define GLARE (10.0 * DEGREE)  /* and the spot's diameter: where lenses scatter light */
 #define SAMPLES 4096           /* about */
 #define STEPS 40               /* of turbidity, 4.6 % each */
 #define T_LEAST 1.7            /* the model's range */
@@ -79,7 +76,7 @@ struct fit {
     double turbidity, log_scale, share;
 };
 
-static size_t take_samples(const struct spot_area *a, const struct spot *s, struct sample *out)
+static size_t take_samples(const struct spot_area *a, struct sample *out)
 {
     const uint32_t step = (uint32_t)fmax(1.0, ceil(sqrt((double)a->rows * a->width / SAMPLES)));
     size_t count = 0;
@@ -89,7 +86,7 @@ static size_t take_samples(const struct spot_area *a, const struct spot *s, stru
             struct sample *at = &out[count];
             const double luminance = texel_luminance(a->rgb, (size_t)y * a->width + x);
             texel_direction(a->width, a->height, x + 0.5, y + 0.5, at->w);
-            if (at->w[1] < sin(LOWEST) || angle_between(at->w, s->w) < GLARE + 2.0 * s->radius)
+            if (at->w[1] < sin(LOWEST))
                 continue;
             at->log_luminance = luminance > 0.0 ? log(luminance) : -HUGE_VAL;
             at->weight = texel_solid_angle(a->width, a->height, y);
@@ -126,15 +123,12 @@ static struct fit vote(const struct sample *samples, size_t count, const struct 
             bins[(int)(ratio / BIN + 0.5 * BINS)] += samples[i].weight;
     }
     for (int i = reach; i < BINS - reach; i++) {
-        double sum = 0.0, shift = 0.0;
-        for (int k = -reach; k <= reach; k++) {
-            const double v = bins[i + k] * exp(-0.5 * (k * BIN / WIDTH) * (k * BIN / WIDTH));
-            sum += v;
-            shift += v * k * BIN;
-        }
+        double sum = 0.0;
+        for (int k = -reach; k <= reach; k++)
+            sum += bins[i + k] * exp(-0.5 * (k * BIN / WIDTH) * (k * BIN / WIDTH));
         if (sum > best.share * whole) {
             best.share = sum / whole;
-            best.log_scale = (i + 0.5 - 0.5 * BINS) * BIN + shift / sum;
+            best.log_scale = (i + 0.5 - 0.5 * BINS) * BIN;
         }
     }
     return best;
@@ -149,8 +143,7 @@ static double level_weight(const struct fit *f, double units)
 
 /* The fit; its share is the highest at any turbidity, so that a known level does not hide a clear sky. units: 0 if
  * unknown. */
-static enum err fit_sky(const struct spot_area *a, const struct spot *s, const double w[3], double units,
-                        struct fit *out)
+static enum err fit_sky(const struct spot_area *a, const double w[3], double units, struct fit *out)
 {
     const size_t texels = (size_t)a->rows * a->width, most = 2 * (size_t)SAMPLES;
     struct sample *samples = mem_alloc_raw(texels < most ? texels : most, sizeof(*samples));
@@ -159,7 +152,7 @@ static enum err fit_sky(const struct spot_area *a, const struct spot *s, const d
     *out = (struct fit){ .turbidity = SHAPE_LEAST };
     if (!samples)
         return ERR_NOMEM;
-    const size_t count = take_samples(a, s, samples);
+    const size_t count = take_samples(a, samples);
     for (int i = 0; i < STEPS && count; i++) {
         struct sky_state sky;
         const double t = T_LEAST * pow(T_MOST / T_LEAST, i / (STEPS - 1.0));
@@ -267,7 +260,8 @@ static void describe(const struct restore_desc *desc, struct restored *out)
     if (desc->lux > 0.0)
         snprintf(by, sizeof(by), "to %.4g lx in all", desc->lux);
     else
-        snprintf(by, sizeof(by), "clear-sky model, turbidity %.1f", out->turbidity);
+        snprintf(by, sizeof(by), "clear-sky model, turbidity %.1f%s", out->turbidity,
+                 desc->units > 0.0 ? "" : " by the sky's shape alone");
     if (out->lux > 0.0)
         snprintf(lux, sizeof(lux), ", %.0f lx,", out->lux);
     snprintf(out->note, sizeof(out->note),
@@ -294,7 +288,7 @@ enum err restore_sun(float *rgb, uint32_t width, uint32_t height, const struct r
     place(&s, desc, PI / height, out);
     out->rest = irradiance(&a, NULL, 0.0);
     if (!(desc->lux > 0.0)) {
-        result = fit_sky(&a, &s, out->direction, desc->units, &f);
+        result = fit_sky(&a, out->direction, desc->units, &f);
         if (result) {
             *out = (struct restored){ .kind = RESTORE_NONE };
             return result;

@@ -3,7 +3,7 @@
  * a stated illuminance or the rest of the sky calls for.
  *
  * What the rest of the sky calls for: the built-in clear sky (sky/daylight/sky.h) is compared with the image over the
- * upper hemisphere outside the glare. At each turbidity T the texels vote for the factor s that takes the model to the
+ * upper hemisphere above 10 degrees. At each turbidity T the texels vote for the factor s that takes the model to the
  * image; the pair with the most votes wins, so that clouds and trees do not count while cloudless parts agree:
  *     share(T, s) = sum_i o_i exp(-(ln L_i - ln(s M_i(T)))^2 / (2 * 0.15^2)) / sum_i o_i
  * with luminance L, model M and solid angle o. The disc gets s times the model's sun [Preetham et al. 1999]. Colours do

@@ -76,14 +76,14 @@ static void sun_is_near_the_sky_s_own(void **state)
 
 static void sun_is_found_within_a_texel(void **state)
 {
-    struct picture p = picture_make(1024);
+    struct picture p = picture_make(1000);
     double worst[3] = { 0.0 };
 
     (void)state;
     for (int i = 0; i < 30; i++) {
         double sun[3], w[3];
         bool found;
-        sun_at(8.0 + 2.6 * i, 37.7 * i, sun);
+        sun_at(8.0 + 2.6 * i, i % 4 ? 37.7 * i : 180.0, sun); /* some across the seam */
         paint_sky(&p, sun, 3.0);
         const double sky = picture_brightest_sky(&p, sun);
         const int kind = i % 3; /* whole; clipped; clipped to little more than the sky */
@@ -294,6 +294,25 @@ static void mirrored_and_hanging_rigs_are_named(void **state)
     }
 }
 
+/* As many suns in the mirror's plane as suit an upright rig: those aside tell. */
+static void mirrored_rig_is_told_by_the_suns_beside_its_plane(void **state)
+{
+    struct sun_pair pairs[7];
+    struct alignment a;
+
+    (void)state;
+    for (int i = 0; i < 7; i++) {
+        const double azimuth = i < 3 ? 180.0 : (double[]){ 80.0, 265.0, 110.0, 240.0 }[i - 3];
+        const double elevation = i < 3 ? 60.0 + i : (double[]){ 15.0, 25.0, 40.0, 35.0 }[i - 3];
+        sun_at(elevation, azimuth, pairs[i].known);
+        sun_at(elevation, -azimuth, pairs[i].seen);
+    }
+    align_fit(pairs, 7, &a);
+    assert_int_equal(a.rig, ALIGN_MIRRORED);
+    assert_int_equal(a.used, 7);
+    assert_true(a.residual < 1e-5 && a.r[0][0] < -0.999);
+}
+
 static void suns_that_disagree_turn_nothing(void **state)
 {
     struct sun_pair pairs[12];
@@ -423,6 +442,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(one_sun_gives_the_azimuth_and_says_the_elevation),
     cmocka_unit_test(ten_suns_give_azimuth_and_tilt_despite_outliers),
     cmocka_unit_test(mirrored_and_hanging_rigs_are_named),
+    cmocka_unit_test(mirrored_rig_is_told_by_the_suns_beside_its_plane),
     cmocka_unit_test(suns_that_disagree_turn_nothing),
     cmocka_unit_test(apply_moves_each_direction),
     cmocka_unit_test(apply_keeps_the_light_and_the_place_of_a_sun),
