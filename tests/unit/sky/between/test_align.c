@@ -297,20 +297,40 @@ static void mirrored_and_hanging_rigs_are_named(void **state)
 /* As many suns in the mirror's plane as suit an upright rig: those aside tell. */
 static void mirrored_rig_is_told_by_the_suns_beside_its_plane(void **state)
 {
-    struct sun_pair pairs[7];
+    struct sun_pair pairs[9];
     struct alignment a;
 
     (void)state;
-    for (int i = 0; i < 7; i++) {
-        const double azimuth = i < 3 ? 180.0 : (double[]){ 80.0, 265.0, 110.0, 240.0 }[i - 3];
-        const double elevation = i < 3 ? 60.0 + i : (double[]){ 15.0, 25.0, 40.0, 35.0 }[i - 3];
+    for (int i = 0; i < 9; i++) {
+        const double azimuth = i < 5 ? 180.0 : (double[]){ 80.0, 265.0, 110.0, 240.0 }[i - 5];
+        const double elevation = i < 5 ? 50.0 + 4.0 * i : (double[]){ 15.0, 25.0, 40.0, 35.0 }[i - 5];
         sun_at(elevation, azimuth, pairs[i].known);
         sun_at(elevation, -azimuth, pairs[i].seen);
     }
-    align_fit(pairs, 7, &a);
+    align_fit(pairs, 9, &a);
     assert_int_equal(a.rig, ALIGN_MIRRORED);
-    assert_int_equal(a.used, 7);
+    assert_int_equal(a.used, 9);
     assert_true(a.residual < 1e-5 && a.r[0][0] < -0.999);
+}
+
+/* Within an hour the sun's arc is straight: a rig that is turned about the sun by half a circle fits as well. */
+static void short_arc_is_taken_for_the_rig_with_less_tilt(void **state)
+{
+    struct sun_pair pairs[10];
+    struct alignment a;
+    double r[3][3];
+
+    (void)state;
+    srand(4);
+    for (int i = 0; i < 40; i++) {
+        const double mirror[3] = { i % 2 ? -1.0 : 1.0, 1.0, 1.0 };
+        rig(23.0 * i, any() * 3.0, mirror, r);
+        see((const double(*)[3])r, 10, 0.9, 0.02, pairs);
+        align_fit(pairs, 10, &a);
+        assert_int_equal(a.kind, ALIGN_ROTATION);
+        assert_int_equal(a.rig, i % 2 ? ALIGN_MIRRORED : ALIGN_UPRIGHT);
+        assert_true(apart((const double(*)[3])a.r, (const double(*)[3])r) < 1.0);
+    }
 }
 
 static void suns_that_disagree_turn_nothing(void **state)
@@ -443,6 +463,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(ten_suns_give_azimuth_and_tilt_despite_outliers),
     cmocka_unit_test(mirrored_and_hanging_rigs_are_named),
     cmocka_unit_test(mirrored_rig_is_told_by_the_suns_beside_its_plane),
+    cmocka_unit_test(short_arc_is_taken_for_the_rig_with_less_tilt),
     cmocka_unit_test(suns_that_disagree_turn_nothing),
     cmocka_unit_test(apply_moves_each_direction),
     cmocka_unit_test(apply_keeps_the_light_and_the_place_of_a_sun),

@@ -290,6 +290,28 @@ static void skies_without_sun_get_none(void **state)
     test_free(p.rgb);
 }
 
+static void large_spots_are_no_suns(void **state)
+{
+    struct picture p = picture_make(512);
+    double sun[3];
+
+    (void)state;
+    sun_at(45.0, 30.0, sun);
+    for (int degrees = 2; degrees <= 8; degrees += 6) { /* the glare of a sun, and a window */
+        paint_sky(&p, sun, 3.0);
+        picture_clip(&p, picture_brightest_sky(&p, sun));
+        const float level = 10.0f * (float)picture_brightest_sky(&p, sun);
+        for (size_t i = 0; i < picture_values(&p); i++) {
+            double w[3];
+            texel_direction(p.width, p.height, i / 3 % p.width + 0.5, (double)(i / 3 / p.width) + 0.5, w);
+            if (angle_between(w, sun) < degrees * DEGREE)
+                p.rgb[i] = level;
+        }
+        assert_int_equal(restore(&p, 0.0, 0.0).kind, degrees == 2 ? RESTORE_ADDED : RESTORE_NONE);
+    }
+    test_free(p.rgb);
+}
+
 static void black_and_tiny_images_are_survived(void **state)
 {
     (void)state;
@@ -385,6 +407,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(sun_at_the_largest_half_float_is_restored),
     cmocka_unit_test(whole_suns_are_left_alone),
     cmocka_unit_test(skies_without_sun_get_none),
+    cmocka_unit_test(large_spots_are_no_suns),
     cmocka_unit_test(black_and_tiny_images_are_survived),
     cmocka_unit_test(captured_suns_come_back),
     cmocka_unit_test(captured_places_without_a_clear_sun_get_none),
