@@ -362,27 +362,25 @@ void drift_finish(struct drift *d)
 
 /* ---- Images between ---- */
 
-/* Where the clouds of a texel, at t of the way, were in the first sky (side 0) or will be in the second (side 1). The
- * flow is that of the place itself: it changes little along a way. */
+/* Where the clouds of a texel, at t of the way, were in the first sky (side 0) or will be in the second (side 1): they
+ * started where start + t flow(start) is here. */
 static void origin_of(const struct drift *d, const float w[3], double t, int side, float out[3])
 {
-    const float px = w[0] / (1.0f + w[1]), pz = w[2] / (1.0f + w[1]);
-    float x = px, z = pz;
+    const float px = w[0] / (1.0f + w[1]), pz = w[2] / (1.0f + w[1]), back = (float)t, on = 1.0f - (float)t;
+    float u = sample_flow(d->flow, 0, px, pz), v = sample_flow(d->flow, 1, px, pz);
 
-    for (int k = 0; k < 3; k++) { /* start + t flow(start) = here */
-        const float u = sample_flow(d->flow, 0, x, z), v = sample_flow(d->flow, 1, x, z);
-        x = px - (float)t * u;
-        z = pz - (float)t * v;
+    for (int k = 0; k < 2; k++) {
+        const float x = px - back * u, z = pz - back * v;
+        u = sample_flow(d->flow, 0, x, z);
+        v = sample_flow(d->flow, 1, x, z);
     }
-    if (side == 1) {
-        const float u = sample_flow(d->flow, 0, x, z), v = sample_flow(d->flow, 1, x, z);
-        x += u;
-        z += v;
-    }
-    direction_of(x, z, out);
+    if (side == 0)
+        direction_of(px - back * u, pz - back * v, out);
+    else
+        direction_of(px + on * u, pz + on * v, out);
 }
 
-/* The texels of both skies for a node; false below the horizon, where nothing moves. */
+/* A place whose clouds' origins are computed. Below the horizon nothing moves. */
 struct node {
     float x[2], y[2]; /* texels of the first and the second sky */
 };
