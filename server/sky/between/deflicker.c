@@ -40,7 +40,7 @@ static void shrink_row(const float *rgb, uint32_t width, uint32_t height, const 
             for (const float *v = rgb + 3 * (y * width + x0); v < rgb + 3 * (y * width + x1); v += 3)
                 for (int c = 0; c < 3; c++) {
                     sum[c] += v[c];
-                    most[c] = fmaxf(most[c], v[c]);
+                    most[c] = v[c] > most[c] ? v[c] : most[c];
                 }
         const float count = (float)(x1 - x0) * (float)(y1 - y0);
         for (int c = 0; c < 3; c++)
@@ -57,7 +57,7 @@ static void shrink(const float *rgb, uint32_t width, uint32_t height, float out[
 
     for (const float *v = rgb; v < rgb + 3 * (size_t)((height + 1) / 2) * width; v += 3)
         for (int c = 0; c < 3; c++)
-            limit[c] = fmaxf(limit[c], 0.99f * v[c]);
+            limit[c] = 0.99f * v[c] > limit[c] ? 0.99f * v[c] : limit[c];
     for (size_t row = 0; row < DEFLICKER_HIGH; row++)
         shrink_row(rgb, width, height, limit, row, out);
     size_t left = 0;

@@ -68,6 +68,7 @@ static void run(double jitter, double white, double (*light)(int frame), double 
         expose(WIDE, HIGH, gain);
         deflicker_take(&d, rgb, WIDE, HIGH, i ? STEP_S : 0.0, &r);
         assert_true(r.restarted == (i == 0) && !r.blind && !r.jumped);
+        assert_true(i == 0 ? r.spread == 0.0f : r.spread > 0.0f && r.spread < 0.5f);
         assert_true(fabs((double)r.stops - log2((double)r.gain[1])) < 1e-6);
         left[0][i] = log(gain[1] * (double)r.gain[1]);
         left[1][i] = log(gain[0] * (double)r.gain[0]);
