@@ -28,6 +28,7 @@ unbiased | transport-cache.md | what correcting the cache by random samples cost
 lpg13 | speed-and-accuracy.md | shares against sixths of the faces, and Delta E by samples, on a plaza and a glossy knot under clouds
 stated | speed-and-accuracy.md | the error that images state over their true error
 live | performance.md | what a viewer of relightd gets under a moving sky
+between | timelapse.md | images between two captured skies against those of the skies that were left out
 faults | testing.md | faults that once passed are noticed by a unit test of their own room
 END
 }
@@ -59,6 +60,11 @@ unbiased() {
     for scene in "" "$root/docs/examples/steps.json"; do
         "$bin/unbiased" ${scene:+--scene "$scene"} 2>"$work/log"
     done
+}
+
+between() {
+    unit between_test_between the_sun_moves_and_dims &&
+        /usr/bin/python3 -B "$root/tests/references/between.py" "$bin"
 }
 
 lpg13() { # visibility is traced, which the paper leaves out

@@ -103,6 +103,13 @@ export function sunSentence(light, local = false) {
   return up >= 0 ? `${time}sun ${up}° high in the ${where}` : `${time}sun ${-up}° below the horizon in the ${where}`;
 }
 
+// What images between two skies do: " Between skies the sun moves, the rest fades; images are 5.0 s behind." "" without any.
+export function betweenSentence(source) {
+  if (!source?.between) return '';
+  const behind = source.delay_s > 0 ? `; images are ${source.delay_s.toFixed(1)} s behind` : '';
+  return ` Between skies ${source.between}${behind}.`;
+}
+
 // The time that a computation has left by its pace so far: take(share, now) with shares of 0 to 1 and milliseconds; seconds, which
 // never rise: a pace that falls leaves them until the work catches up. null while the pace is unknown. A share below the last one,
 // or none, is another computation.

@@ -6,7 +6,7 @@ import { line, make } from './dom.js';
 import { decodeSky, drawProbe } from './probe_draw.js';
 import { toLatLong } from './probe_geometry.js';
 import { isSeen } from './panels.js';
-import { sunSentence } from './sentences.js';
+import { betweenSentence, sunSentence } from './sentences.js';
 
 const ASK_MS = 1000;
 const LOST_MS = 10000;
@@ -161,7 +161,7 @@ class SkyPanel {
     const { pixel } = this;
     const marks = pixel ? ` Marked: the ${pixel.light.length} light samples of pixel ${pixel.x}, ${pixel.y}.` : '';
     const turn = Math.round(this.sky.turn);
-    const words = `Frame ${this.sky.frame}${turn ? `, rotated by ${turn}°` : ''}; the middle is +Z (north unless it is turned).${sun ? ` ${sun[0].toUpperCase()}${sun.slice(1)}; four strokes mark it.` : ''}${marks}`;
+    const words = `Frame ${this.sky.frame}${turn ? `, rotated by ${turn}°` : ''}; the middle is +Z (north unless it is turned).${sun ? ` ${sun[0].toUpperCase()}${sun.slice(1)}; four strokes mark it.` : ''}${betweenSentence(this.app.status?.source)}${marks}`;
     if (this.words.textContent === words) return;
     this.words.textContent = words;
     this.canvas.setAttribute('aria-label', `The sky as a lat-long image. ${words}`);

@@ -4,7 +4,7 @@ import { test } from 'node:test';
 import { ServerClock } from '../../clients/js/clock.js';
 import { Rate, Recent } from '../../clients/web/figures.js';
 import {
-  bitsPerSecond, codingName, codingSentence, describe, lightSentence, milliseconds, Pace, publishSentence, stateSentence, stateWord, sunSentence,
+  betweenSentence, bitsPerSecond, codingName, codingSentence, describe, lightSentence, milliseconds, Pace, publishSentence, stateSentence, stateWord, sunSentence,
   withoutFolders,
 } from '../../clients/web/sentences.js';
 
@@ -124,6 +124,9 @@ test('the sun sentence gives time, elevation and direction', () => {
   assert.equal(sunSentence({ sun: null, time: '14:35' }), '14:35 solar time');
   assert.equal(sunSentence({ sun: { elevation: -4, azimuth: -10 } }), 'sun 4° below the horizon in the north');
   assert.equal(sunSentence({ sun: null, time: '' }), '');
+  assert.equal(betweenSentence({ between: '', delay_s: 0 }), '');
+  assert.equal(betweenSentence(undefined), '');
+  assert.equal(betweenSentence({ between: 'the sun moves, the rest fades', delay_s: 2.04 }), ' Between skies the sun moves, the rest fades; images are 2.0 s behind.');
 });
 
 test('the time left follows the pace since the computation began', () => {

@@ -23,6 +23,8 @@ enum err render_check_shared(const struct render *r, struct reason *why)
         return d->ranks && d->inspection
                    ? err_say(why, ERR_USAGE, "--probe is for one process: start relight-render without mpirun")
                    : ERR_OK;
+    if (render_deals(r) && d->setup.source_desc.between.deflicker)
+        return err_say(why, ERR_USAGE, "--deflicker needs the skies in order: start relight-render without mpirun");
     if (r->output && output_is_stream(r->output))
         return err_say(why, ERR_USAGE,
                        "%s needs a file per image: a video, or standard output, holds all frames in order; render to "

@@ -131,8 +131,9 @@ static void tell_state(struct ingest_thread *t)
 {
     char text[sizeof(((struct server_figures *)0)->between)];
     const struct glide *g = t->glide;
+    const bool told = between_count(g->between) > 1 || between_corrects(&t->shared->config.setup.source_desc.between);
 
-    status_between(&t->shared->status, between_count(g->between) ? between_state(g->between, text, sizeof(text)) : "",
+    status_between(&t->shared->status, told ? between_state(g->between, text, sizeof(text)) : "",
                    g->active ? g->lasts_s : 0.0);
 }
 

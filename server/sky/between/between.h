@@ -59,6 +59,7 @@ bool between_is_used(const struct between_desc *d);
 
 struct between;
 
+/* The caller owns *out. ERR_NOMEM. */
 MUST_CHECK enum err between_create(const struct between_desc *desc, struct between **out);
 void between_destroy(struct between *b); /* NULL is allowed */
 

@@ -15,7 +15,7 @@
 #define LEVEL 16.0
 #define REACH (3.0 * PI / 180.0)
 #define FAINT 1e-3
-#define LOOKS 512
+#define LOOKS 256
 #define ROUNDS 6
 #define WIDER 1.5
 
@@ -24,53 +24,77 @@ struct view {
     uint32_t width, height;
 };
 
-/* Mean over the sphere of min(luminance, most), by every step-th texel of every step-th row. */
-static double clamped_mean(const struct view *v, double most)
+/* The level c = LEVEL x mean of min(L, c) over the sphere: from above, each step lowers it, and eight bring it within
+ * some per cent. The mean itself, too. ERR_NOMEM. */
+static enum err find_level(const struct view *v, double *level, double *mean)
 {
-    const uint32_t step = v->width > LOOKS ? v->width / LOOKS : 1;
-    double sum = 0.0, whole = 0.0;
+    const uint32_t step = v->width > LOOKS ? v->width / LOOKS : 1, columns = v->width / step, rows = v->height / step;
+    float *looks = mem_alloc((size_t)columns * rows, sizeof(*looks));
+    float most = INFINITY;
 
-    for (uint32_t y = step / 2; y < v->height; y += step) {
-        double row = 0.0, count = 0.0;
-        for (uint32_t x = step / 2; x < v->width; x += step, count += 1.0)
-            row += fmin(texel_luminance(v->rgb, y * v->width + x), most);
-        sum += row * texel_solid_angle(v->width, v->height, y);
-        whole += count * texel_solid_angle(v->width, v->height, y);
+    if (!looks)
+        return ERR_NOMEM;
+    for (uint32_t j = 0; j < rows; j++)
+        for (uint32_t i = 0; i < columns; i++) {
+            const float *t = v->rgb + 3 * ((size_t)(j * step + step / 2) * v->width + i * step + step / 2);
+            looks[j * columns + i] = rgb_luminance(t[0], t[1], t[2]);
+        }
+    for (int k = 0; k < 9; k++) {
+        double sum = 0.0, whole = 0.0;
+        for (uint32_t j = 0; j < rows; j++) {
+            const double size = sin(PI * (j + 0.5) / rows);
+            float row = 0.0f;
+            for (uint32_t i = 0; i < columns; i++)
+                row += looks[j * columns + i] < most ? looks[j * columns + i] : most;
+            sum += (double)row * size;
+            whole += size * columns;
+        }
+        *mean = k == 0 ? sum / whole : *mean;
+        most = (float)(LEVEL * sum / whole);
     }
-    return sum / whole;
-}
-
-/* The level c = LEVEL x mean of min(L, c): from above, each step lowers it; eight bring it within some per cent. */
-static double find_level(const struct view *v, double *mean)
-{
-    double level = LEVEL * (*mean = clamped_mean(v, INFINITY));
-
-    for (int k = 0; k < 8; k++)
-        level = LEVEL * clamped_mean(v, level);
-    return level;
+    *level = (double)most;
+    mem_free(looks);
+    return ERR_OK;
 }
 
 /* The texels within `reach` of the centre, one after another. */
 struct cap {
     const struct view *v;
     double centre[3], reach;
-    uint32_t x, y; /* the next */
+    uint32_t y, k; /* the next: its row, and which of the row's columns within reach */
 };
+
+/* The columns of row y that may be within reach: `count` from `first` on, which may lie left of 0. */
+static void find_columns(const struct cap *c, uint32_t y, long *first, uint32_t *count)
+{
+    const double width = c->v->width, theta = acos(fmax(-1.0, fmin(1.0, c->centre[1])));
+    const double here = PI * (y + 0.5) / c->v->height, least = fmin(sin(theta), sin(here));
+    const double half = sin(c->reach) < least ? asin(sin(c->reach) / least) : PI;
+    const double columns = ceil(half / PI * width) + 2.0;
+    const double x = (PI - atan2(c->centre[0], c->centre[2])) / (2.0 * PI) * width;
+
+    *count = columns < width ? (uint32_t)columns : c->v->width;
+    *first = (long)floor(x - 0.5 * *count);
+}
 
 static bool next_texel(struct cap *c, uint32_t *at, double w[3], double *angle)
 {
     const double step = PI / c->v->height, theta = acos(fmax(-1.0, fmin(1.0, c->centre[1])));
+    const long width = (long)c->v->width;
 
-    for (; c->y < c->v->height; c->y++, c->x = 0) {
+    for (; c->y < c->v->height; c->y++, c->k = 0) {
+        long first;
+        uint32_t count;
         if (fabs(step * (c->y + 0.5) - theta) > c->reach)
             continue;
-        for (; c->x < c->v->width; c->x++) {
-            texel_direction(c->v->width, c->v->height, c->x + 0.5, c->y + 0.5, w);
+        find_columns(c, c->y, &first, &count);
+        while (c->k < count) {
+            const uint32_t x = (uint32_t)(((first + (long)c->k++) % width + width) % width);
+            texel_direction(c->v->width, c->v->height, x + 0.5, c->y + 0.5, w);
             *angle = angle_between(w, c->centre);
-            if (*angle <= c->reach) {
-                *at = c->y * c->v->width + c->x++;
+            *at = c->y * c->v->width + x;
+            if (*angle <= c->reach)
                 return true;
-            }
         }
     }
     return false;
@@ -264,51 +288,48 @@ static enum err measure_sun(const struct view *v, const double centre[3], double
     return e;
 }
 
-static uint32_t find_brightest(const struct view *v)
+/* The brightest texel, and the light above the level everywhere, radiance x sr. */
+static uint32_t look_over(const struct view *v, double level, double *above)
 {
-    const uint32_t count = v->width * v->height;
+    const float limit = (float)level;
+    float most = -1.0f;
     uint32_t at = 0;
-    double most = -1.0;
 
-    for (uint32_t k = 0; k < count; k++) {
-        const double g = texel_luminance(v->rgb, k);
-        at = g > most ? k : at;
-        most = g > most ? g : most;
-    }
-    return at;
-}
-
-/* The light above the level everywhere, radiance x sr. */
-static double all_above(const struct view *v, double level)
-{
-    double sum = 0.0;
-
+    *above = 0.0;
     for (uint32_t y = 0; y < v->height; y++) {
         double row = 0.0;
-        for (uint32_t x = 0; x < v->width; x++)
-            row += fmax(0.0, texel_luminance(v->rgb, y * v->width + x) - level);
-        sum += row * texel_solid_angle(v->width, v->height, y);
+        for (uint32_t x = 0; x < v->width; x++) {
+            const uint32_t k = y * v->width + x;
+            const float *t = v->rgb + 3 * (size_t)k, g = rgb_luminance(t[0], t[1], t[2]);
+            if (g <= limit)
+                continue;
+            row += (double)(g - limit);
+            at = g > most ? k : at;
+            most = g > most ? g : most;
+        }
+        *above += row * texel_solid_angle(v->width, v->height, y);
     }
-    return sum;
+    return at;
 }
 
 enum err sun_patch_take(float *rgb, uint32_t width, uint32_t height, struct sun_patch *out)
 {
     const struct view v = { rgb, width, height };
     const double side = PI / height;
-    double mean, ring[3], centre[3];
+    double mean = 0.0, level, above, ring[3], centre[3];
 
     out->found = false;
     out->count = 0;
     out->others = 0.0;
     for (int k = 0; k < 3; k++)
         out->energy[k] = 0.0;
-    const double level = find_level(&v, &mean);
-    const uint32_t brightest = find_brightest(&v);
-    if (!(level > 0.0) || texel_luminance(rgb, brightest) <= level)
+    if (find_level(&v, &level, &mean))
+        return ERR_NOMEM;
+    const uint32_t brightest = look_over(&v, level, &above);
+    if (!(level > 0.0) || !(above > 0.0))
         return ERR_OK;
     texel_direction(width, height, brightest % width + 0.5, brightest / width + 0.5, centre);
-    const double reach = find_middle(&v, level, centre) + 1.5 * side, above = all_above(&v, level);
+    const double reach = find_middle(&v, level, centre) + 1.5 * side;
     if (reach > 1.4 * REACH + 1.5 * side)
         return ERR_OK;
     measure_ring(&v, centre, reach, reach + 3.0 * side, level, ring);

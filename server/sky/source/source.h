@@ -67,8 +67,8 @@ void source_close(struct source *s); /* NULL is allowed */
  * with the following frame.
  * Capture time: the modification time for `watch:` (0 and a line in the log if it is beyond FRAME_CAPTURE_MAX_US), the
  * time of computation for a sky, a live stream's time stamp, else 0 (unknown), since the files may be years old.
- * `watch:` and live streams block for at most SOURCE_WAIT_MS, or source_set_wait, and then return ERR_OK with FRAME_NONE, so that the caller can
- * stop. */
+ * `watch:` and live streams block for at most SOURCE_WAIT_MS, or source_set_wait, and then return ERR_OK with
+ * FRAME_NONE, so that the caller can stop. */
 MUST_CHECK enum err source_next(struct source *s, struct frame *f, struct reason *why);
 
 #define SOURCE_WAIT_MS 200

@@ -1,4 +1,4 @@
-/* What a source consists of. Private to this room. */
+/* What a source consists of. Private to this room. Thread: one per source. */
 #pragma once
 
 #include "sky/between/between.h"

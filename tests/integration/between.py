@@ -1,0 +1,95 @@
+#!/usr/bin/python3
+"""Images between captured skies: of files, and of skies that come by themselves, as users run them."""
+
+import asyncio
+
+from control import Party
+from peer import check, expect, main, radiance, run, until
+from still import Daemon
+from watch import FEW, metrics, until_ready, value
+
+RENDER = ("--size", "32x18", "--samples", "4", "--paths", "direct", "--edge-rays", "1")
+
+
+async def render(*arguments):
+    return await run("relight-render", *RENDER, *arguments)
+
+
+def put(folder, number, level):
+    """A sky of the watched folder, complete at once."""
+    hidden = folder / f".sky.{number}"
+    hidden.write_bytes(radiance(level, (8, 4)))
+    hidden.rename(folder / f"sky.{number:02d}.hdr")
+
+
+async def a_held_sequence_has_images_between_its_skies(folder):
+    skies = folder / "skies"
+    skies.mkdir()
+    for k, level in ((0, 64), (1, 128), (2, 192)):
+        put(skies, k, level)
+    expect(await render("--source", skies, "--out", folder / "own.%02d.exr"), 0)
+    expect(await render("--source", skies, "--hold", "5", "--out", folder / "all.%02d.exr"), 0, "11 images")
+    for k in range(3):
+        own, held = folder / f"own.{k:02d}.exr", folder / f"all.{5 * k:02d}.exr"
+        check(own.read_bytes() == held.read_bytes(), f"the image of sky {k} is not the sky's own")
+    halfway = (folder / "all.01.exr").read_bytes()
+    check(halfway not in [(folder / f"own.{k:02d}.exr").read_bytes() for k in range(3)], "nothing between")
+    expect(await render("--source", skies, "--hold", "5", "--between", "off", "--out", folder / "off.%02d.exr"), 0)
+    check((folder / "off.04.exr").read_bytes() == (folder / "own.00.exr").read_bytes(), "--between off is not the sky before")
+    # Any frame alone is the same as in the whole sequence.
+    expect(await render("--source", skies, "--hold", "5", "--frames", "1-2", "--out", folder / "part.%02d.exr"), 0, "6 images")
+    check((folder / "part.05.exr").read_bytes() == (folder / "all.05.exr").read_bytes(), "the numbers are others")
+
+
+async def what_makes_no_sense_is_refused_by_name(folder):
+    put(folder, 0, 64)
+    source = ("--source", folder / "sky.00.hdr", "--out", folder / "x.exr")
+    expect(await render(*source, "--hold", "0"), 2, "--hold")
+    expect(await render(*source, "--between", "zoom"), 2, "off, fade or motion")
+    expect(await render(*source, "--align", "sun"), 2, "--place 48.14,11.58")
+    expect(await render(*source, "--align", "sun", "--place", "100,10"), 2, "is not LATITUDE,LONGITUDE")
+    expect(await render(*source, "--place", "10,10"), 0, "--place has no effect")
+    expect(await render(*source, "--sun", "dim"), 2, "--sun")
+    expect(await render(*source, "--sun", "80000"), 1, "units")
+    expect(await render(*source, "--align", "sun", "--place", "10,10"), 0, "nothing says when it was taken")
+
+
+async def until_first_image(daemon, folder):
+    put(folder, 99, 128)
+    await until_ready(daemon)
+
+
+def shaded(values):
+    return value(values, "relightd_frames_total", fate="shaded", reason="")
+
+
+async def slow_skies_get_images_between(folder):
+    """Skies come every 0.7 s or more: more images than skies are made, and the status says so."""
+    async with Daemon("--source", f"watch:{folder}", *FEW, "--fps", "20") as daemon:
+        await until_first_image(daemon, folder)
+        viewer = await Party.come(daemon.url, "viewer")
+        hearing = asyncio.create_task(viewer.until(lambda: viewer.last["status"]["source"]["between"]))
+        number = 0
+        while not hearing.done() or shaded(await metrics(daemon)) < 2 * number:
+            put(folder, number % 90, 60 + 30 * (number % 5))
+            number += 1
+            await asyncio.sleep(0.7)
+        await hearing
+        check("the sun moves" in viewer.last["status"]["source"]["between"], viewer.last["status"]["source"])
+        check(viewer.last["status"]["source"]["delay_s"] > 0.4, viewer.last["status"]["source"])
+
+
+async def slow_skies_are_shown_as_they_come_if_asked(folder):
+    async with Daemon("--source", f"watch:{folder}", "--between", "off", *FEW) as daemon:
+        await until_first_image(daemon, folder)
+        for k in range(5):
+            put(folder, k, 60 + 30 * k)
+            await asyncio.sleep(0.7)
+        async def all_came():
+            return value(await metrics(daemon), "relightd_frames_received_total") >= 6
+        await until(all_came)
+        check(shaded(await metrics(daemon)) <= 6, f"{shaded(await metrics(daemon))} images of 6 skies")
+
+
+if __name__ == "__main__":
+    main(globals())
