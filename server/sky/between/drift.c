@@ -25,7 +25,9 @@
 #define WORTH 0.8
 #define EDGE 0.95f
 #define ALIKE 1e-5
-#define NODE 8 /* texels between places whose motion is computed; bilinear between them */
+#define NODE 8        /* texels between places whose motion is computed; bilinear between them */
+#define NEAR_ZENITH 3 /* of these from the zenith */
+#define SPREAD 4.0f   /* of these: neighbours whose origins are so far apart */
 
 /* Thumbnails of all levels, one after another, and the buffers of a round. */
 struct work {
@@ -347,9 +349,6 @@ enum err drift_find(struct drift *d, const float *first, const float *second, ui
     const double left = misfit(w.image[0][0], w.image[1][0], SIDE, NULL, d->flow);
     d->gain = still > ALIKE ? left / still : 1.0;
     d->moves = d->gain < WORTH;
-    const uint32_t zenith = SIDE / 2 * SIDE + SIDE / 2;
-    d->pole =
-        2.0 * atan(1.2 * hypot((double)d->flow[zenith][0], (double)d->flow[zenith][1])) + 3.0 * NODE * PI / height;
     return ERR_OK;
 }
 
@@ -443,17 +442,35 @@ static void blend_span(const float *first, const float *second, uint32_t width, 
     }
 }
 
+/* Whether places between the corners must be computed themselves: near the zenith columns crowd together, and ways that
+ * cross it jump to the other side. */
+static bool is_bent(const struct node corner[4])
+{
+    bool bent = false;
+
+    for (int side = 0; side < 2; side++) {
+        float least = INFINITY, most = -INFINITY;
+        for (int k = 0; k < 4; k++) {
+            bent |= corner[k].y[side] < NEAR_ZENITH * NODE;
+            least = fminf(least, corner[k].x[side]);
+            most = fmaxf(most, corner[k].x[side]);
+        }
+        bent |= most - least > SPREAD * NODE;
+    }
+    return bent;
+}
+
 static void blend_rows(const struct drift *d, const float *first, const float *second, uint32_t width, uint32_t height,
                        double t, uint32_t top, float *out)
 {
     const uint32_t rows = height - top < NODE ? height - top : NODE;
-    const bool exact = PI * top / height < d->pole;
 
     for (uint32_t x = 0; x < width; x += NODE) {
         const uint32_t count = width - x < NODE ? width - x : NODE;
         struct node corner[4];
-        for (int k = 0; k < 4 && !exact; k++)
+        for (int k = 0; k < 4; k++)
             set_node(d, width, height, (float)(x + NODE * (k % 2)), (float)(top + NODE * (k / 2)), t, &corner[k]);
+        const bool exact = top < NEAR_ZENITH * NODE || is_bent(corner);
         for (uint32_t j = 0; j < rows; j++) {
             float *row = out + 3 * ((size_t)(top + j) * width + x);
             if (!exact) {

@@ -21,7 +21,6 @@ struct drift {
     double gain;      /* squared difference of the thumbnails after the motion over that of standing still, 0..1 */
     double wind[2];   /* (x, z) / y per interval, for messages */
     float (*flow)[2]; /* owned; [DRIFT_SIDE^2]: from the first sky to the second, in stereographic coordinates */
-    double pole;      /* radians: nearer to the zenith, ways may cross it, so that each texel's is computed */
     float *work;      /* owned */
 };
 
