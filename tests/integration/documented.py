@@ -122,6 +122,9 @@ def furnish(clone):
     for name in ("captures/sky", "sky"):
         for frame in range(2):
             shutil.copy(clone / "park.exr", clone / f"{name}.{frame:04d}.exr")
+    (clone / "skies").mkdir()
+    for minute in range(2):
+        shutil.copy(clone / "park.exr", clone / f"skies/sky_20240612_14{minute:02d}00.exr")
     subprocess.run(render + ["--out", str(clone / "sky.jpg")], check=True, capture_output=True)
     subprocess.run(render + ["--source", "sky:speed=5", "--frames", "0-1", "--out", str(clone / "sky.mp4")], check=False, capture_output=True)
     (clone / "studio.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes([128, 128, 128, 129]) * 8)

@@ -16,7 +16,7 @@ PROGRAMS = ("relightd", "relight-render", "relight-bench", "relight-chart", "rel
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 
 # What a word is for, where it is not for a plain image: flags that go with it, or the file to write.
-WITH = {
+WITH = {"align sun": ["--place", "48,11"], 
     "method components": ["--parts", "145.mtx"], "tone pq": ["--out", "o.mp4"], "probe-preset fig1": ["--probe", "1,1"],
     **{f"reinhart {k}": ["--components", "none/%04d.hdr"] for k in (1, 2, 4)}, # up to 2,306 images: read, not made
     **{f"luminance {w}": ["--calibrate", "5000"] for w in ("rec709", "radiance")},
