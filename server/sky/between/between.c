@@ -144,6 +144,11 @@ double between_seconds(const struct between *b, uint32_t k)
     return b->skies[k].seconds;
 }
 
+static bool has_others(const struct sky *s)
+{
+    return s->sun.found && s->sun.others > SECOND;
+}
+
 /* ---- Taking skies ---- */
 
 /* The reader's image as lat-long texels; another layout is looked up, as the background is. */
@@ -359,7 +364,7 @@ enum err between_take(struct between *b, const struct frame *f, double seconds, 
     result = prepare(b, f, s, why);
     if (result)
         return result;
-    if (s->sun.found && s->sun.others > SECOND && b->desc.mode != BETWEEN_OFF)
+    if (has_others(s) && b->desc.mode != BETWEEN_OFF)
         say(b, SAID_SECOND, s, "there is more than one sun: the brightest moves, the others fade");
     s->serial = ++b->serial;
     b->count++;
@@ -458,7 +463,7 @@ static enum err find_drift(struct between *b, uint32_t k, const struct drift **o
     const struct sky *first = &b->skies[k], *second = first + 1;
 
     *out = NULL;
-    if (b->desc.mode != BETWEEN_MOTION)
+    if (b->desc.mode != BETWEEN_MOTION || has_others(first) || has_others(second)) /* no cloud carries a lamp along */
         return ERR_OK;
     if (b->drift_of != second->serial) {
         if (drift_find(&b->drift, first->rest, second->rest, first->width, first->height))
