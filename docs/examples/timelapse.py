@@ -22,6 +22,7 @@ import sys
 import proof
 
 SUN_RADIUS = math.radians(0.533 / 2)
+ZENITH, HORIZON = (0.13, 0.33, 0.72), (0.42, 0.3, 0.02)  # the clear sky's colour, and what the horizon has in addition
 HEIGHT_M = 1500  # of the clouds' base: distances on its plane are in units of it
 LOW = 0.15  # clouds are shown at their places d / (d_y + LOW), so that the horizon is not infinitely far
 
@@ -65,7 +66,7 @@ def pixels_of(size, matrix):
             if dy > 0:
                 far = scale / (dy + LOW)
                 out.append((y * size[0] + x, dx, dy, dz, dx * far, dz * far, min(1.0, dy / 0.15),
-                            *(c + (0.35 - 0.25 * k) * (1 - dy) for k, c in enumerate((0.2, 0.36, 0.75)))))
+                            *(c + h * (1 - dy) ** 2 for c, h in zip(ZENITH, HORIZON))))
     return out
 
 
@@ -138,7 +139,7 @@ def sky(size, pixels, clouds, sun, seconds, options, veiled):
     """Three planes without the sun's disc, and the part of the sun that the clouds let through. veiled: by one more cloud."""
     n = proof.TEXELS
     mass = 1 / max(0.03, sun[1] + 0.05)
-    white = r_sun, g_sun, b_sun = [math.exp(-t * mass) for t in (0.1, 0.15, 0.27)]
+    white = r_sun, g_sun, b_sun = [math.exp(-t * mass) for t in (0.07, 0.1, 0.18)]
     dusk = twilight(sun)
     bright = (0.25 + 0.75 * max(0.0, sun[1])) * dusk
     ax, az = (k * n / proof.PERIOD for k in clouds.moved(seconds))
@@ -167,9 +168,9 @@ def sky(size, pixels, clouds, sun, seconds, options, veiled):
             glow = 0.0
         clear = 1 - cloud
         grey = cloud * bright * (0.85 + 1.2 * n8 + 0.5 * clear)
-        red[k] = clear * (bright * r + glow * r_sun) + grey * (0.3 + 0.7 * r_sun)
-        green[k] = clear * (bright * g + glow * g_sun) + grey * (0.3 + 0.7 * g_sun)
-        blue[k] = clear * (bright * b + glow * b_sun) + grey * (0.3 + 0.7 * b_sun)
+        red[k] = clear * (bright * r + glow * r_sun) + grey * (0.55 + 0.45 * r_sun)
+        green[k] = clear * (bright * g + glow * g_sun) + grey * (0.55 + 0.45 * g_sun)
+        blue[k] = clear * (bright * b + glow * b_sun) + grey * (0.55 + 0.45 * b_sun)
     through = 1 - 0.999 * (0.0 if options.clear_sun else clouds.over(sun, seconds)) if sun[1] > -SUN_RADIUS else 0.0
     return (red, green, blue), [through * w * (0.1 if veiled else 1.0) for w in white]
 

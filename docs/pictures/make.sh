@@ -13,9 +13,11 @@ picture() { # NAME SKY [more flags]
 parts="$(mktemp -d)"
 trap 'rm -rf "$parts"' EXIT
 
-# A day over the court: a frame every twelve minutes.
-"$bin/relight-render" --method cached --eye-paths 16 --source sky:latitude=48,date=08-21,time=05:40,speed=12 --frames 0-69 \
-    --exposure follow --size 640x360 --out "$parts/day.%03d.png"
+# A day of clouds over the house: 20 captured skies of a made-up camera, and the images between them.
+python3 "$here/../examples/house.py" "$parts"
+python3 "$here/../examples/timelapse.py" "$parts/skies" --count 20 --step 2400 --time 06:00:00 --width 1024 --cover 0.35
+"$bin/relight-render" --method cached --scene "$parts/house.glb" --source "$parts/skies" --hold 5 --exposure follow --size 640x360 \
+    --out "$parts/day.%03d.png"
 # Keyframes only (Debian's package webp; -kmax 1): coded as differences, blocks that change slowly would never be updated.
 img2webp -loop 0 -kmax 1 -lossy -q 76 -m 6 -d 83 "$parts"/day.*.png -o "$here/day.webp"
 
@@ -29,7 +31,6 @@ ffmpeg -v error -y -i "$parts/part.000.png" -i "$parts/part.120.png" -i "$parts/
     "$here/film.jpg"
 
 # The house, as README renders it.
-python3 "$here/../examples/house.py" "$parts"
 "$bin/relight-render" --scene "$parts/house.glb" --source sky:date=05-10,time=10:00,latitude=48 --denoise --size 1280x720 \
     --samples 64 --eye-paths 48 --particles 16000000 --quality 90 --out "$here/house.jpg"
 

@@ -12,6 +12,14 @@ void ingest_sleep_ms(int64_t ms)
     nanosleep(&(struct timespec){ .tv_nsec = (long)ms * 1000000 }, NULL);
 }
 
+bool ingest_is_watched(const struct ingest_thread *t)
+{
+    struct server_demand demand;
+
+    shared_demand(t->shared, &demand);
+    return demand.viewers > 0 || demand.recorder;
+}
+
 /* ---- Decoding ---- */
 
 static enum err start_decoder(struct ingest_thread *t, struct reason *why)

@@ -53,6 +53,8 @@ void ingest_relight(struct ingest_thread *t, const struct frame *f, uint64_t ver
 /* Waits for ingest_thread_go_on. */
 void ingest_wait_prepared(struct ingest_thread *t);
 
+bool ingest_is_watched(const struct ingest_thread *t); /* whether anyone takes images */
+
 /* Sleeps for 0 to 999 milliseconds; a signal may end it early. */
 void ingest_sleep_ms(int64_t ms);
 

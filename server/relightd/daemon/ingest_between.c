@@ -12,12 +12,13 @@
 
 /* SLOW: skies at least so far apart (s) are worth images between them, and so many images' time. LONGEST: after a
  * longer pause (s) the next sky is shown at once. BEFORE: skies that must have come slowly first, so that the interval
- * is known. */
+ * is known. AGAIN: seconds until it is asked again whether an image is wanted. */
 #define SLOW 0.5
 #define SLOW_IMAGES 2.0
 #define LONGEST 300.0
 #define BEFORE 3
 #define INTERVALS 3
+#define AGAIN 4e-3
 
 struct glide {
     struct between *between;
@@ -205,14 +206,18 @@ int glide_wait_ms(const struct ingest_thread *t, int most_ms)
     return left < 1.0 ? 1 : left < most_ms ? (int)left : most_ms;
 }
 
-/* The next image, if it is due and the last one is being lit. */
+/* The next image, if it is due, the last one is being lit, and somebody looks. */
 const struct frame *glide_step(struct ingest_thread *t)
 {
     struct glide *g = t->glide;
     const double now = clock_seconds(), fps = settings_now(&t->shared->settings).fps;
 
-    if (!glide_is_moving(t) || now < g->due_s || !handoff_wait_taken(&t->shared->frames.handoff, 0))
+    if (!glide_is_moving(t) || now < g->due_s)
         return NULL;
+    if (!ingest_is_watched(t) || !handoff_wait_taken(&t->shared->frames.handoff, 0)) {
+        g->due_s = now + AGAIN;
+        return NULL;
+    }
     g->moment = moment_now(g);
     g->due_s = fmax(g->due_s + 1.0 / fps, now);
     return between_show(g->between, g->moment, &g->shown) ? NULL : &g->shown;

@@ -110,23 +110,15 @@ static void wait_until_wanted(struct pull *p)
         sleep_until_ms(p, clock_ms() + (int64_t)status_shading_excess_ms(&p->shared->status) - MARGIN_MS);
 }
 
-static bool is_watched(struct pull *p)
-{
-    struct server_demand demand;
-
-    shared_demand(p->shared, &demand);
-    return demand.viewers > 0 || demand.recorder;
-}
-
 /* Skips frames of a computed sky while there are no viewers: after a second, or when a viewer connects, the next frame
  * is the current one. Files are never skipped, because their frames are counted. */
 static void pause_while_unwatched(struct pull *p)
 {
     const int64_t each_ms = (int64_t)(1e3 / p->shared->config.rate), until_ms = p->next_ms + UNWATCHED_MS - each_ms;
 
-    if (source_kind(p->t->source) != SOURCE_SKY || source_count(p->t->source) > 0 || is_watched(p))
+    if (source_kind(p->t->source) != SOURCE_SKY || source_count(p->t->source) > 0 || ingest_is_watched(p->t))
         return;
-    while (clock_ms() < until_ms && !is_watched(p) && !is_interrupted(p))
+    while (clock_ms() < until_ms && !ingest_is_watched(p->t) && !is_interrupted(p))
         sleep_until_ms(p, clock_ms() + WATCH_POLL_MS);
     const int64_t passed = (clock_ms() - p->next_ms) / each_ms;
     if (passed > 0 && !is_interrupted(p) && source_step(p->t->source, 1 + passed))
