@@ -1,6 +1,7 @@
 // The controls without the page: pure functions and one small queue, for tests.
 
 import { dayText } from './daylight_model.js';
+import { betweenSentence } from './sentences.js';
 
 // A queue of setting changes: keeps the newest of each kind and sends it when the previous request is answered.
 export class Wishes {
@@ -120,7 +121,7 @@ export function transportOf(status) {
   if (kind === 'sky') return { ...none, play: true }; // its hour is known with its first image
   if (kind === 'files' && length === null) return { ...none, play: true, step: true }; // a video that does not state its length
   if (kind === 'files' || kind === 'daylight') return { ...none, text: 'A single sky.' };
-  return { ...none, play: true, text: kind === 'folder' ? 'Frames arrive as files are stored.' : 'Frames arrive as they are sent.' };
+  return { ...none, play: true, text: (kind === 'folder' ? 'Frames arrive as files are stored.' : 'Frames arrive as they are sent.') + betweenSentence(source) };
 }
 
 // The request for one frame forward or back, or for a leap of an hour or ten frames, on a paused source.
