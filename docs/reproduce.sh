@@ -64,8 +64,8 @@ unbiased() {
 
 between() {
     unit between_test_between the_sun_moves_and_dims &&
-        unit between_test_restore energy_is_right_for_measured_skies_in_known_units shape_alone_suffices_for_clear_skies_at_high_sun \
-            energy_is_right_between_broken_clouds &&
+        unit between_test_restore energy_is_right_for_measured_skies_in_known_units energy_is_right_between_broken_clouds &&
+        unit between_test_restore shape_alone_suffices_for_clear_skies_at_high_sun &&
         unit between_test_align rotation_comes_from_ten_skies &&
         /usr/bin/python3 -B "$root/tests/references/between.py" "$bin"
 }

@@ -32,6 +32,7 @@ struct glide {
     double begun_s, lasts_s;     /* by the clock: from when on, for how long */
     double due_s;                /* the next image */
     bool active;
+    bool said_times; /* that capture times do not go on */
 };
 
 enum err glide_create(const struct daemon_config *c, struct glide **out)
@@ -93,7 +94,7 @@ static bool is_slow(struct glide *g, double fps)
 }
 
 /* When the sky was taken, on the window's clock: by its capture time if that goes on, else when it came. */
-static double seconds_of(const struct glide *g, const struct frame *f)
+static double seconds_of(struct glide *g, const struct frame *f)
 {
     const uint32_t count = between_count(g->between);
     const double last = count > 0 ? between_seconds(g->between, count - 1) : 0.0;
@@ -103,6 +104,10 @@ static double seconds_of(const struct glide *g, const struct frame *f)
         return 0.0;
     if (f->capture_us != 0 && g->capture_us != 0 && later > 0.0 && later < 10.0 * LONGEST)
         return last + later;
+    if (f->capture_us != 0 && g->capture_us != 0 && !g->said_times)
+        log_warning("%s: its capture time is %.3g s after the last sky's: such skies are spaced by their arrival",
+                    f->name, later);
+    g->said_times |= f->capture_us != 0 && g->capture_us != 0;
     return last + g->intervals[0];
 }
 

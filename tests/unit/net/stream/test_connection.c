@@ -106,11 +106,23 @@ static void silent_connections_of_one_address_are_turned_away(void **state)
         }
         assert_int_equal(cut, MANY - LIMIT - OTHERS);
         server_counters(s, &counters);
-        assert_int_equal(counters.crowded, round * cut);
+        assert_true(counters.crowded >= (uint64_t)(round * cut));
         for (int i = 0; i < MANY; i++)
             client_shut(&c[i]);
-        for (int i = 0; i < CLIENT_WAIT_MS / 20 && counters.open > 0; i++, sleep_ms(20))
+        /* The server notices one after another that they are gone: until then the address has its share. */
+        bool refused = true;
+        for (int i = 0; i < CLIENT_WAIT_MS / 20 && refused; i++, sleep_ms(20)) {
+            open_from(&c[0], s, "127.0.0.3");
+            struct pollfd p = { .fd = c[0].fd, .events = POLLIN };
+            refused = poll(&p, 1, 300) > 0;
+            client_shut(&c[0]);
+        }
+        assert_false(refused);
+        for (int i = 0; i < CLIENT_WAIT_MS / 20; i++, sleep_ms(20)) {
             server_counters(s, &counters);
+            if (counters.open == 0)
+                break;
+        }
         assert_int_equal(counters.open, 0);
     }
     server_destroy(s);
