@@ -65,10 +65,11 @@ struct between {
 
     struct deflicker deflicker;
     struct deflicker_result exposure; /* of the last sky */
+    int64_t steadied_us;              /* when it was taken; 0: nobody says */
     bool restored;                    /* the last sky's sun */
     struct sun_pair pairs[PAIRS];
     size_t pair_count;
-    bool learnt; /* the alignment is settled */
+    bool learning, learnt; /* the alignment, by between_learn; it is settled */
     struct alignment alignment;
     float *turning; /* owned; buffer of as many floats as */
     size_t turning_capacity;
@@ -221,13 +222,26 @@ static void describe(struct sky *s, const struct frame *f)
     memcpy(s->about.name, f->name, sizeof(s->about.name));
 }
 
-/* Multiplies by what makes the exposure steady. */
-static void steady(struct between *b, struct sky *s)
+/* When it was taken: by its sender, the file, or its name; microseconds, 0: nobody says. */
+static int64_t taken_us(const struct between *b, const struct frame *f)
+{
+    const int64_t own = b->reader->image.taken_us;
+
+    return f->capture_us ? f->capture_us : own ? own : taken_from_name(f->name);
+}
+
+/* Multiplies by what makes the exposure steady. The window's seconds may only count the frames of a sequence. */
+static void steady(struct between *b, const struct frame *f, struct sky *s)
 {
     const struct sky *before = b->count > 0 ? s - 1 : NULL;
+    const int64_t us = taken_us(b, f), last_us = b->steadied_us;
     struct deflicker_result *r = &b->exposure;
+    double later = before ? s->seconds - before->seconds : 0.0;
 
-    deflicker_take(&b->deflicker, s->rest, s->width, s->height, before ? s->seconds - before->seconds : 0.0, r);
+    if (before && us != 0 && last_us != 0)
+        later = 1e-6 * (double)(us - last_us);
+    b->steadied_us = us;
+    deflicker_take(&b->deflicker, s->rest, s->width, s->height, later, r);
     if (r->jumped)
         log_info("%s: the exposure jumped; it is undone, %+.2f stops from here on", s->about.name, (double)r->stops);
     for (size_t k = 0; k < 3 * (size_t)s->width * s->height; k++)
@@ -246,14 +260,6 @@ static enum err give_sun(struct between *b, struct sky *s, struct reason *why)
     return e;
 }
 
-/* When it was taken: by its sender, the file, or its name; microseconds, 0: nobody says. */
-static int64_t taken_us(const struct between *b, const struct frame *f)
-{
-    const int64_t own = b->reader->image.taken_us;
-
-    return f->capture_us ? f->capture_us : own ? own : taken_from_name(f->name);
-}
-
 /* Notes where the sun was seen, and fits the alignment. */
 static void note_sun(struct between *b, const double seen[3], int64_t us)
 {
@@ -264,7 +270,7 @@ static void note_sun(struct between *b, const double seen[3], int64_t us)
     b->pair_count++;
     const enum align_kind before = b->alignment.kind;
     align_fit(b->pairs, b->pair_count < PAIRS ? b->pair_count : PAIRS, &b->alignment);
-    if (b->alignment.kind != before && !b->learnt)
+    if (b->alignment.kind != before && !b->learning)
         log_info("%s", b->alignment.note);
 }
 
@@ -326,7 +332,7 @@ static enum err prepare(struct between *b, const struct frame *f, struct sky *s,
     enum err e = ERR_OK;
 
     if (b->desc.deflicker)
-        steady(b, s);
+        steady(b, f, s);
     if (b->desc.sun != BETWEEN_SUN_KEEP)
         e = give_sun(b, s, why);
     if (e)
@@ -385,14 +391,20 @@ enum err between_learn(struct between *b, const struct frame *f, struct reason *
         copy_texels(b, latlong, &s);
         e = sun_patch_take(s.rest, s.width, s.height, &s.sun);
     }
-    if (!e && s.sun.found) {
-        b->learnt = false;
+    b->learning = true;
+    if (!e && s.sun.found)
         note_sun(b, s.sun.direction, us);
-    }
-    b->learnt = true;
+    b->learning = false;
     mem_free(s.rest);
     sun_patch_finish(&s.sun);
     return e ? err_say(why, e, "%s: out of memory", f->name) : ERR_OK;
+}
+
+void between_settle(struct between *b)
+{
+    b->learnt = b->pair_count > 0;
+    if (b->learnt)
+        log_info("%s", b->alignment.note);
 }
 
 /* ---- Showing skies ---- */

@@ -70,8 +70,11 @@ MUST_CHECK enum err between_take(struct between *b, const struct frame *f, doubl
                                  const struct image_decoder *decoder, struct reason *why);
 
 /* Looks at the sun of a sky and no more, so that the alignment is known before the first is shown: of some frames of a
- * sequence, spread over it. After the first call between_take no longer refines it. Errors as those of between_take. */
+ * sequence, spread over it. Errors as those of between_take. */
 MUST_CHECK enum err between_learn(struct between *b, const struct frame *f, struct reason *why);
+
+/* The alignment stays as it was learnt, and is logged; if nothing was learnt, between_take refines it sky by sky. */
+void between_settle(struct between *b);
 
 /* Empties the window: what follows has nothing to do with what was before. */
 void between_forget(struct between *b);

@@ -110,6 +110,7 @@ static enum err learn(struct source *s, struct reason *why)
         if (!e && h->frame.kind != FRAME_NONE)
             e = between_learn(h->between, &h->frame, why);
     }
+    between_settle(h->between);
     s->position = 0;
     (void)source_seek_sky(s, 0);
     return e == ERR_NOMEM ? e : ERR_OK;
