@@ -15,11 +15,11 @@ trap 'rm -rf "$parts"' EXIT
 
 # A day of clouds over the house: 20 captured skies of a made-up camera, and the images between them.
 python3 "$here/../examples/house.py" "$parts"
-python3 "$here/../examples/timelapse.py" "$parts/skies" --count 20 --step 2400 --time 06:00:00 --width 1024 --cover 0.35
+python3 "$here/../examples/timelapse.py" "$parts/skies" --count 20 --step 1500 --time 09:00:00 --width 1024 --cover 0.35
 "$bin/relight-render" --method cached --scene "$parts/house.glb" --source "$parts/skies" --hold 5 --exposure follow --size 640x360 \
     --out "$parts/day.%03d.png"
 # Keyframes only (Debian's package webp; -kmax 1): coded as differences, blocks that change slowly would never be updated.
-img2webp -loop 0 -kmax 1 -lossy -q 76 -m 6 -d 83 "$parts"/day.*.png -o "$here/day.webp"
+img2webp -loop 0 -kmax 1 -lossy -q 72 -m 6 -d 83 "$parts"/day.*.png -o "$here/day.webp"
 
 # Three images of a film of 240 of the court at noon, 15 s of sky each, four times as large.
 "$bin/relight-render" --method cached --source sky:hour=12,speed=0.25 --frames 0-239 --exposure 0 --size 640x360 \
