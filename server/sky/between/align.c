@@ -355,7 +355,7 @@ static struct candidate choose(const struct sun_pair *pairs, size_t count)
     return mirrored.cost < 9.0 * plain.cost + noise && tilt_of(&mirrored) + less < tilt_of(&plain) ? mirrored : plain;
 }
 
-/* The pairs in use and what is left over of them. */
+/* The pairs in use and their residual. */
 static void measure(const struct candidate *c, const struct sun_pair *pairs, size_t count, struct alignment *out)
 {
     double squares = 0.0, rise = 0.0;

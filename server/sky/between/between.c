@@ -274,20 +274,33 @@ static void note_sun(struct between *b, const double seen[3], int64_t us)
         log_info("%s", b->alignment.note);
 }
 
+/* Looks for the sun, clipped or whole, by which north is found. */
+static enum err look_for_sun(struct between *b, const struct frame *f, const struct sky *s)
+{
+    const int64_t us = taken_us(b, f);
+    bool found = false;
+    double seen[3];
+
+    if (us == 0)
+        say(b, SAID_TIME, s, "nothing says when it was taken, so that --align sun has no sun to go by");
+    if (us == 0 || b->learnt)
+        return ERR_OK;
+    if (align_find_sun(s->rest, s->width, s->height, seen, &found))
+        return ERR_NOMEM;
+    if (found)
+        note_sun(b, seen, us);
+    return ERR_OK;
+}
+
 /* Turns the sky without its sun, and the sun. About the vertical alone the map is turned where it is looked up,
  * exactly; otherwise it is resampled. */
-static enum err align(struct between *b, const struct frame *f, struct sky *s)
+static enum err align(struct between *b, struct sky *s)
 {
     const struct alignment *a = &b->alignment;
     const size_t floats = 3 * (size_t)s->width * s->height;
-    const int64_t us = taken_us(b, f);
     double w[3];
 
     s->turned = false;
-    if (us == 0)
-        say(b, SAID_TIME, s, "nothing says when it was taken, so that --align sun has no sun to go by");
-    if (!b->learnt && us != 0 && s->sun.found)
-        note_sun(b, s->sun.direction, us);
     if (a->kind == ALIGN_AZIMUTH)
         s->about.turn += atan2(a->r[0][2], a->r[0][0]) * 180.0 / PI;
     if (a->kind != ALIGN_ROTATION)
@@ -307,7 +320,7 @@ static enum err align(struct between *b, const struct frame *f, struct sky *s)
     b->turning = rest;
     b->turning_capacity = capacity;
     for (int i = 0; i < 3; i++)
-        w[i] = a->r[i][0] * s->sun.direction[0] + a->r[i][1] * s->sun.direction[1] + a->r[i][2] * s->sun.direction[2];
+        w[i] = dot3(a->r[i], s->sun.direction);
     memcpy(s->sun.direction, w, sizeof(w));
     s->turned = true;
     return ERR_OK;
@@ -337,9 +350,11 @@ static enum err prepare(struct between *b, const struct frame *f, struct sky *s,
         e = give_sun(b, s, why);
     if (e)
         return e;
-    e = sun_patch_take(s->rest, s->width, s->height, &s->sun);
+    e = b->desc.align ? look_for_sun(b, f, s) : ERR_OK;
+    if (!e)
+        e = sun_patch_take(s->rest, s->width, s->height, &s->sun);
     if (!e && b->desc.align)
-        e = align(b, f, s);
+        e = align(b, s);
     return e ? err_say(why, e, "%s: out of memory", f->name) : ERR_OK;
 }
 
@@ -353,12 +368,6 @@ enum err between_take(struct between *b, const struct frame *f, double seconds, 
     if (result)
         return result;
     environment_report(b->reader, &b->said_decoding);
-    struct sky *last = b->count > 0 ? &b->skies[b->count - 1] : NULL;
-    if (last && (last->width != size.width || last->height != size.height)) {
-        say(b, SAID_SIZE, last, "the next sky has another size: there are no images between skies of different sizes");
-        b->count = 0;
-        b->drift_of = 0;
-    }
     struct sky *s = next_place(b);
     s->width = size.width;
     s->height = size.height;
@@ -383,20 +392,17 @@ enum err between_learn(struct between *b, const struct frame *f, struct reason *
     bool latlong = false;
 
     enum err e = read_sky(b, f, NULL, &s, &latlong, why);
-    const int64_t us = e ? 0 : taken_us(b, f);
-    if (e || us == 0)
+    if (e)
         return e;
+    describe(&s, f);
     e = reserve(&s);
-    if (!e) {
+    if (!e)
         copy_texels(b, latlong, &s);
-        e = sun_patch_take(s.rest, s.width, s.height, &s.sun);
-    }
     b->learning = true;
-    if (!e && s.sun.found)
-        note_sun(b, s.sun.direction, us);
+    if (!e)
+        e = look_for_sun(b, f, &s);
     b->learning = false;
     mem_free(s.rest);
-    sun_patch_finish(&s.sun);
     return e ? err_say(why, e, "%s: out of memory", f->name) : ERR_OK;
 }
 
@@ -522,6 +528,16 @@ static void set_about(const struct between *b, uint32_t k, double t, struct fram
     memcpy(out->name, f->name, sizeof(out->name));
 }
 
+/* Of skies of different sizes the first stays until the second. */
+static bool same_size(struct between *b, const struct sky *first, const struct sky *second)
+{
+    const bool same = first->width == second->width && first->height == second->height;
+
+    if (!same)
+        say(b, SAID_SIZE, second, "it has another size than the sky before: there are no images between the two");
+    return same;
+}
+
 enum err between_show(struct between *b, double seconds, struct frame *out)
 {
     const struct drift *drift;
@@ -533,7 +549,8 @@ enum err between_show(struct between *b, double seconds, struct frame *out)
     const struct sky *s = &b->skies[k];
     if (frame_reserve_texels(out, s->width, s->height))
         return ERR_NOMEM;
-    if (k + 1 == b->count || seconds <= s->seconds || b->desc.mode == BETWEEN_OFF) {
+    const bool between = k + 1 < b->count && seconds > s->seconds && b->desc.mode != BETWEEN_OFF;
+    if (!between || !same_size(b, s, s + 1)) {
         show_one(b, k, seconds, out->rgb);
         set_about(b, k, 0.0, out);
         return ERR_OK;

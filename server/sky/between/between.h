@@ -64,8 +64,8 @@ MUST_CHECK enum err between_create(const struct between_desc *desc, struct betwe
 void between_destroy(struct between *b); /* NULL is allowed */
 
 /* Decodes f, the sky at `seconds`, which must be later than the window's last, and adds it to the window. decoder: as
- * environment_desc.decoder, borrowed for the call. A sky of another size empties the window first, with a word in the
- * log. Errors of environment_decode, with *why; the window is unchanged then. */
+ * environment_desc.decoder, borrowed for the call. Errors of environment_decode, with *why; the window is unchanged
+ * then. */
 MUST_CHECK enum err between_take(struct between *b, const struct frame *f, double seconds,
                                  const struct image_decoder *decoder, struct reason *why);
 

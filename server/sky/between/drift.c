@@ -304,7 +304,7 @@ static float sample_flow(float (*const flow)[2], int axis, float px, float pz)
            v * ((1.0f - u) * flow[at + SIDE][axis] + u * flow[at + SIDE + 1][axis]);
 }
 
-/* Holds still where there and back do not agree, and near the horizon; smooths what is left. */
+/* Sets the flow to 0 where forward and backward flow disagree and near the horizon, then smooths it. */
 static void trust(const struct work *w, float (*flow)[2])
 {
     for (uint32_t at = 0; at < AREA; at++) {

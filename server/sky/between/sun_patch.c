@@ -10,8 +10,8 @@
 #include <string.h>
 
 /* REACH: a camera's glare is above the level up to here; what is wider is a bright cloud. FAINT: of the sky's energy,
- * as in sky/tables/sky_split.c. LOOKS: texels along a side by which the level is found: it need not be exact. NEAR: a
- * radius within this share of the sun's is the sun's, so that it does not breathe from image to image. */
+ * as in sky/tables/sky_split.c. LOOKS: texels along a side by which the level is found: it need not be exact. ROUNDS:
+ * of fit_disc. WIDER: light whose mean square distance exceeds the disc's by this is not the sun's disc alone. */
 #define LEVEL 16.0
 #define REACH (3.0 * PI / 180.0)
 #define FAINT 1e-3

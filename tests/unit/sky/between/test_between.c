@@ -1,4 +1,5 @@
 /* Skies between two: at their own times they are what was captured; between, light and sun are where they must be. */
+#include "sky/between/align.h"
 #include "sky/between/between.h"
 #include "sky/between/between_skies.h"
 
@@ -148,7 +149,7 @@ static void suns_far_apart_fade(void **state)
     between_destroy(b);
 }
 
-static void skies_of_another_size_begin_anew(void **state)
+static void before_a_sky_of_another_size_the_last_one_stays(void **state)
 {
     struct between *b = made(BETWEEN_FADE);
     struct frame small = sky_constant(256, 128, 1.0f);
@@ -156,11 +157,37 @@ static void skies_of_another_size_begin_anew(void **state)
 
     take_sunny(b, 100.0, 1.0, 0.0);
     take(b, &small, 10.0);
-    assert_int_equal(between_count(b), 1);
-    assert_int_equal(show(b, 5.0)->width, 256);
+    assert_int_equal(show(b, 5.0)->width, W);
+    assert_int_equal(show(b, 10.0)->width, 256);
     take_sunny(b, 100.0, 1.0, 20.0);
-    assert_int_equal(show(b, 15.0)->width, W);
+    assert_int_equal(show(b, 15.0)->width, 256);
+    assert_int_equal(show(b, 20.0)->width, W);
     frame_finish(&small);
+    between_destroy(b);
+}
+
+/* A sun that clipped is found, too: four times the sky is far below what sun_patch takes for one. */
+static void a_clipped_sun_tells_north(void **state)
+{
+    struct between *b = NULL;
+    const struct between_desc desc = { .align = BETWEEN_ALIGN_SUN, .place = { 45.0, 0.0 } };
+    struct frame f = sky_constant(W, H, 0.5f);
+    double at[3], known[3];
+    (void)state;
+
+    f.capture_us = INT64_C(1718202605000000); /* 12 June 2024, 14:30:05 UTC */
+    align_sun(45.0, 0.0, f.capture_us, known);
+    const double azimuth = atan2(-known[0], known[2]), elevation = asin(known[1]);
+    towards(elevation, azimuth - 30.0 * DEGREES, at); /* the rig looks 30 degrees east of north */
+    sun_put(f.rgb, W, H, at, 1.5 * DEGREES, (const double[3]){ 1.0, 1.0, 1.0 });
+    for (size_t t = 0; t < 3 * (size_t)W * H; t++)
+        f.rgb[t] = fminf(f.rgb[t], 2.0f);
+    assert_int_equal(between_create(&desc, &b), ERR_OK);
+    take(b, &f, 0.0);
+    const double turn = remainder(show(b, 0.0)->turn, 360.0);
+    printf("turned by %.3f degrees\n", turn);
+    assert_true(fabs(fabs(turn) - 30.0) < 0.1);
+    frame_finish(&f);
     between_destroy(b);
 }
 
@@ -223,7 +250,8 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(the_sun_moves_and_dims),
     cmocka_unit_test(a_sun_that_goes_out_stays_on_its_way),
     cmocka_unit_test(suns_far_apart_fade),
-    cmocka_unit_test(skies_of_another_size_begin_anew),
+    cmocka_unit_test(before_a_sky_of_another_size_the_last_one_stays),
+    cmocka_unit_test(a_clipped_sun_tells_north),
     cmocka_unit_test(other_layouts_become_lat_long),
     cmocka_unit_test(after_the_last_sky_its_sun_goes_on_for_one_interval),
     cmocka_unit_test(what_belongs_to_a_frame_is_between_too),
