@@ -71,9 +71,10 @@ MUST_CHECK enum err glide_create(const struct daemon_config *c, struct glide **o
 void glide_destroy(struct glide *g); /* NULL is allowed */
 void glide_forget(struct glide *g);  /* what comes next follows nothing; NULL is allowed */
 
-/* Notes a sky that arrived. True: glide_first has the image for it; false: it is to be shown as it is. */
-bool glide_take(struct ingest_thread *t, const struct frame *f);
-const struct frame *glide_first(struct ingest_thread *t); /* NULL: no memory */
+/* Notes a sky that arrived; *shown: what its image shows, f itself or a sky made of it. Errors as those of
+ * between_take: the sky cannot be used. */
+MUST_CHECK enum err glide_take(struct ingest_thread *t, const struct frame *f, const struct frame **shown,
+                               struct reason *why);
 bool glide_is_moving(const struct ingest_thread *t);           /* whether more images are to come before the next sky */
 int glide_wait_ms(const struct ingest_thread *t, int most_ms); /* until the next image, at most so long */
 const struct frame *glide_step(struct ingest_thread *t);       /* the sky of the next image if it is due, else NULL */

@@ -102,12 +102,13 @@ static double seconds_of(struct glide *g, const struct frame *f)
 
     if (count == 0)
         return 0.0;
-    if (f->capture_us != 0 && g->capture_us != 0 && later > 0.0 && later < 10.0 * LONGEST)
+    const bool known = f->capture_us != 0 && g->capture_us != 0;
+    if (known && later > 0.0 && later < 10.0 * LONGEST)
         return last + later;
-    if (f->capture_us != 0 && g->capture_us != 0 && !g->said_times)
+    if (known && !g->said_times)
         log_warning("%s: its capture time is %.3g s after the last sky's: such skies are spaced by their arrival",
                     f->name, later);
-    g->said_times |= f->capture_us != 0 && g->capture_us != 0;
+    g->said_times |= known;
     return last + g->intervals[0];
 }
 
@@ -139,49 +140,45 @@ static void tell_state(struct ingest_thread *t)
     const struct glide *g = t->glide;
     const bool told = between_count(g->between) > 1 || between_corrects(&t->shared->config.setup.source_desc.between);
 
-    status_between(&t->shared->status, told ? between_state(g->between, text, sizeof(text)) : "",
+    status_between(&t->shared->status, told ? between_state(g->between, g->active, text, sizeof(text)) : "",
                    g->active ? g->lasts_s : 0.0);
 }
 
-bool glide_take(struct ingest_thread *t, const struct frame *f)
+enum err glide_take(struct ingest_thread *t, const struct frame *f, const struct frame **shown, struct reason *why)
 {
     const struct between_desc *desc = &t->shared->config.setup.source_desc.between;
     const struct image_decoder decoder = { decoder_decode, t->decoder };
     struct glide *g = t->glide;
-    struct reason why;
 
+    *shown = f;
     if (!g)
-        return false;
-    const bool slow = is_slow(g, settings_now(&t->shared->settings).fps) && desc->mode != BETWEEN_OFF;
-    const bool was_active = g->active;
+        return ERR_OK;
+    const double fps = settings_now(&t->shared->settings).fps;
+    const bool slow = is_slow(g, fps) && desc->mode != BETWEEN_OFF, was_active = g->active;
     set_active(t, slow);
-    if (!slow && !between_corrects(desc)) {
-        if (was_active)
-            glide_forget(g);
-        g->capture_us = f->capture_us;
-        return false;
-    }
     const double seconds = seconds_of(g, f);
     g->capture_us = f->capture_us;
-    if (between_take(g->between, f, seconds, t->decoder ? &decoder : NULL, &why))
-        return false; /* it is refused, with this reason, where it is decoded for its image */
-    g->lasts_s = slow && between_count(g->between) > 1 ? delay_of(t) : 0.0;
-    g->begun_s = g->due_s = clock_seconds();
-    g->from = g->lasts_s > 0.0 && was_active ? g->moment
-              : g->lasts_s > 0.0             ? between_seconds(g->between, between_count(g->between) - 2)
-                                             : seconds;
+    if (!slow && !between_corrects(desc)) {
+        if (was_active)
+            between_forget(g->between);
+        if (was_active)
+            tell_state(t);
+        return ERR_OK;
+    }
+    const enum err e = between_take(g->between, f, seconds, t->decoder ? &decoder : NULL, why);
+    if (e)
+        return e;
+    const uint32_t count = between_count(g->between);
+    g->lasts_s = slow && count > 1 ? delay_of(t) : 0.0;
+    g->begun_s = clock_seconds();
+    g->due_s = g->begun_s + 1.0 / fps;
     g->to = seconds;
+    g->from = g->lasts_s <= 0.0 ? seconds : was_active ? g->moment : between_seconds(g->between, count - 2);
     g->moment = g->from;
     tell_state(t);
-    return true;
-}
-
-const struct frame *glide_first(struct ingest_thread *t)
-{
-    struct glide *g = t->glide;
-
-    g->due_s += 1.0 / settings_now(&t->shared->settings).fps;
-    return between_show(g->between, g->moment, &g->shown) ? NULL : &g->shown;
+    *shown = &g->shown;
+    return between_show(g->between, g->moment, &g->shown) ? err_say(why, ERR_NOMEM, "%s: out of memory", f->name)
+                                                          : ERR_OK;
 }
 
 /* What is to be shown now. */

@@ -37,11 +37,17 @@ static enum server_source report_pause(struct ingest_thread *t, bool paused, boo
 
 /* Each frame's producer is sent its fate. Returns the source's state after it. */
 static enum server_source take(struct ingest_thread *t, const struct frame *f, const struct server_ticket *ticket,
-                               enum server_source reported, struct reason *why)
+                               const struct frame **shown, enum server_source reported, struct reason *why)
 {
     struct shared *shared = t->shared;
+    enum err e = ERR_OK;
 
-    if (ingest_frame(t, f, ticket, why)) {
+    *shown = f;
+    if (ticket->lockstep)
+        glide_forget(t->glide);
+    else
+        e = glide_take(t, f, shown, why);
+    if (e || ingest_frame(t, *shown, ticket, why)) {
         server_frame_fate(shared->server, ticket, SERVER_REFUSED, why->text);
         status_frame_unreadable(&shared->status, why->text, true);
         return SERVER_FAILED;
@@ -82,15 +88,11 @@ void ingest_from_producers(struct ingest_thread *t, struct reason *why)
         any = true;
         lockstep = ticket.lockstep;
         version = now.light_version;
-        shown = &f;
-        if (lockstep)
-            glide_forget(t->glide);
-        else if (glide_take(t, &f))
-            shown = glide_first(t);
-        shown = shown ? shown : &f;
-        reported = take(t, shown, &ticket, reported, why);
-        if (reported == SERVER_FAILED)
-            f.kind = FRAME_NONE; /* new settings do not make it better */
+        reported = take(t, &f, &ticket, &shown, reported, why);
+        if (reported == SERVER_FAILED) { /* new settings do not make it better */
+            f.kind = FRAME_NONE;
+            shown = &f;
+        }
     }
     frame_finish(&f);
 }

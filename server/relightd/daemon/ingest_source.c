@@ -197,9 +197,9 @@ static void take_frame(struct pull *p, enum err read)
 
         p->frame = p->coming;
         p->coming = before;
-        p->shown = glide_take(p->t, &p->frame) ? glide_first(p->t) : NULL;
-        p->shown = p->shown ? p->shown : &p->frame;
-        e = ingest_frame(p->t, p->shown, &none, p->why);
+        e = glide_take(p->t, &p->frame, &p->shown, p->why);
+        if (!e)
+            e = ingest_frame(p->t, p->shown, &none, p->why);
     }
     p->version = version;
     p->count++;

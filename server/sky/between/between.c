@@ -565,14 +565,14 @@ enum err between_show(struct between *b, double seconds, struct frame *out)
     return ERR_OK;
 }
 
-const char *between_state(const struct between *b, char *out, size_t size)
+const char *between_state(const struct between *b, bool moving, char *out, size_t size)
 {
     const struct alignment *a = &b->alignment;
     const bool moves = b->desc.mode == BETWEEN_MOTION && b->drift_of && b->drift.moves;
     size_t used = (size_t)snprintf(out, size, "%s",
-                                   b->desc.mode == BETWEEN_OFF ? "each sky is shown until the next"
-                                   : moves                     ? "the sun and the clouds move"
-                                                               : "the sun moves, the rest fades");
+                                   !moving ? "each sky is shown until the next"
+                                   : moves ? "the sun and the clouds move"
+                                           : "the sun moves, the rest fades");
 
     if (b->desc.deflicker && used < size)
         used += (size_t)snprintf(out + used, size - used, "; exposure %+.2f stops", (double)b->exposure.stops);

@@ -89,5 +89,5 @@ double between_seconds(const struct between *b, uint32_t k);
 MUST_CHECK enum err between_show(struct between *b, double seconds, struct frame *out);
 
 /* What happens between the window's last two skies and what was corrected, for people, such as "the sun moves, the rest
- * fades; the sun was restored". Returns out. */
-const char *between_state(const struct between *b, char *out, size_t size);
+ * fades; a clipped sun was restored". moving: there are images between. Returns out. */
+const char *between_state(const struct between *b, bool moving, char *out, size_t size);
