@@ -222,10 +222,12 @@ static void describe(struct sky *s, const struct frame *f)
     memcpy(s->about.name, f->name, sizeof(s->about.name));
 }
 
-/* When it was taken: by its sender, the file, or its name; microseconds, 0: nobody says. */
+/* When it was taken: by its sender, the file, which counts from the start of the exposure, or its name; microseconds,
+ * 0: nobody says. */
 static int64_t taken_us(const struct between *b, const struct frame *f)
 {
-    const int64_t own = b->reader->image.taken_us;
+    const struct image *im = &b->reader->image;
+    const int64_t own = im->taken_us ? im->taken_us + llround(0.5e6 * im->exposure_s) : 0;
 
     return f->capture_us ? f->capture_us : own ? own : taken_from_name(f->name);
 }

@@ -207,16 +207,6 @@ static void add_disc(const struct spot_area *a, float *rgb, struct sky_state *sk
     sky_add_sun(&size, sky, rgb);
 }
 
-static void place(const struct spot *s, const struct restore_desc *desc, double texel, struct restored *out)
-{
-    const double *known = desc->known;
-    const bool use = known && angle_between(known, s->w) < s->radius + 2.0 * texel + SUN_RADIUS;
-
-    for (int c = 0; c < 3; c++)
-        out->direction[c] = use ? known[c] : s->w[c];
-    out->spot_radius = s->radius;
-}
-
 /* What is missing (luminance, horizontal), or 0 with the reason in the note. half: the maximum is a half float's. */
 static double missing(const struct spot_area *a, const struct restore_desc *desc, const struct sky_state *sky,
                       bool half, struct restored *out)
@@ -285,7 +275,8 @@ enum err restore_sun(float *rgb, uint32_t width, uint32_t height, const struct r
     enum err result = most > 0.0f ? spot_find(&a, NEARLY * most, false, &s) : ERR_OK;
     if (result || !(most > 0.0f) || !is_clipped(&a, &s, most))
         return result;
-    place(&s, desc, PI / height, out);
+    memcpy(out->direction, s.w, sizeof(s.w));
+    out->spot_radius = s.radius;
     out->rest = irradiance(&a, NULL, 0.0);
     if (!(desc->lux > 0.0)) {
         result = fit_sky(&a, out->direction, desc->units, &f);

@@ -23,8 +23,6 @@
 struct restore_desc {
     double lux;   /* horizontal illuminance of the whole upper hemisphere; 0: what the rest of the sky calls for */
     double units; /* the image's units per W sr^-1 m^-2 (luminance = 179 lm/W); 0: unknown, which rules out lux */
-    const double *known; /* unit direction where the sun must stand, double[3]; NULL: unknown. Used if it lies in or
-                            next to the flat spot. */
 };
 
 enum restore_kind {

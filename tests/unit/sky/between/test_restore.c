@@ -201,28 +201,6 @@ static void stated_lux_are_met(void **state)
 
 /* ---- Where, and where not ---- */
 
-static void known_direction_is_taken_if_it_is_near(void **state)
-{
-    struct picture p = picture_make(512);
-    double sun[3], near[3], far[3];
-    struct reason why = { "" };
-
-    (void)state;
-    sun_at(40.0, 100.0, sun);
-    sun_at(40.6, 100.0, near);
-    sun_at(44.0, 100.0, far);
-    for (int k = 0; k < 2; k++) {
-        struct restored r;
-        const struct restore_desc d = { .known = k ? far : near };
-        paint_sky(&p, sun, 3.0);
-        picture_clip(&p, 3.0 * picture_brightest_sky(&p, sun));
-        assert_int_equal(restore_sun(p.rgb, p.width, p.height, &d, &r, &why), ERR_OK);
-        assert_int_equal(r.kind, RESTORE_ADDED);
-        assert_true(angle_between(r.direction, k ? sun : near) < (k ? 0.4 * DEGREE : 1e-9));
-    }
-    test_free(p.rgb);
-}
-
 /* An infinite half float was mended to 65504. */
 static void sun_at_the_largest_half_float_is_restored(void **state)
 {
@@ -403,7 +381,6 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(shape_alone_suffices_for_clear_skies_at_high_sun),
     cmocka_unit_test(energy_is_right_between_broken_clouds),
     cmocka_unit_test(stated_lux_are_met),
-    cmocka_unit_test(known_direction_is_taken_if_it_is_near),
     cmocka_unit_test(sun_at_the_largest_half_float_is_restored),
     cmocka_unit_test(whole_suns_are_left_alone),
     cmocka_unit_test(skies_without_sun_get_none),
