@@ -32,7 +32,7 @@
 /* Thumbnails of all levels, one after another, and the buffers of a round. */
 struct work {
     float *image[2][LEVELS];
-    float (*flow)[2], (*back)[2];
+    float *flow[2], *back[2]; /* of the two coordinates */
     float *sums[5], *swap;
 };
 
@@ -46,9 +46,10 @@ static void lay_out(float *memory, struct work *w)
         for (int l = 0; l < LEVELS; at += AREA >> 2 * l, l++)
             w->image[k][l] = at;
     at = memory + 4 * AREA;
-    w->flow = (float(*)[2])at;
-    w->back = (float(*)[2])(at + 2 * AREA);
-    at += 4 * AREA;
+    for (int k = 0; k < 2; k++, at += AREA)
+        w->flow[k] = at;
+    for (int k = 0; k < 2; k++, at += AREA)
+        w->back[k] = at;
     for (int k = 0; k < 5; k++, at += AREA)
         w->sums[k] = at;
     w->swap = at;
@@ -162,8 +163,7 @@ static void blow(const double wind[2], float px, float pz, float flow[2])
 }
 
 /* Mean squared difference of the second image at the end of the way from the first; flow NULL: of a wind. */
-static double misfit(const float *first, const float *second, uint32_t side, const double wind[2],
-                     float (*const flow)[2])
+static double misfit(const float *first, const float *second, uint32_t side, const double wind[2], float *const *flow)
 {
     double sum = 0.0, count = 0.0;
 
@@ -173,10 +173,9 @@ static double misfit(const float *first, const float *second, uint32_t side, con
             float way[2];
             if (!is_sky(px, pz))
                 continue;
-            if (flow)
-                memcpy(way, flow[j * side + i], sizeof(way));
-            else
-                blow(wind, px, pz, way);
+            blow(wind, px, pz, way);
+            for (int k = 0; k < 2 && flow; k++)
+                way[k] = flow[k][j * side + i];
             if (!is_sky(px + way[0], pz + way[1]))
                 continue; /* out of sight */
             const float d = sample(second, side, px + way[0], pz + way[1]) - first[j * side + i];
@@ -225,25 +224,23 @@ static void blur(float *image, float *swap, uint32_t side)
 }
 
 /* The flow from the buffers of its two coordinates, blurred: neighbours move alike. */
-static void smooth(const struct work *w, uint32_t side, float (*flow)[2])
+static void smooth(const struct work *w, uint32_t side, float *const *flow)
 {
-    for (int k = 0; k < 2; k++)
+    for (int k = 0; k < 2; k++) {
         blur(w->sums[k], w->swap, side);
-    for (uint32_t at = 0; at < side * side; at++) {
-        flow[at][0] = w->sums[0][at];
-        flow[at][1] = w->sums[1][at];
+        memcpy(flow[k], w->sums[k], (size_t)side * side * sizeof(float));
     }
 }
 
 /* A round of [Lucas and Kanade 1981, Eq. 11]: a step that lessens the difference under the last flow. */
-static void improve(const struct work *w, const float *first, const float *second, uint32_t side, float (*flow)[2])
+static void improve(const struct work *w, const float *first, const float *second, uint32_t side, float *const *flow)
 {
     const float step = 2.0f / (float)side;
 
     for (uint32_t j = 0; j < side; j++)
         for (uint32_t i = 0; i < side; i++) {
             const uint32_t at = j * side + i;
-            const float x = place_of(i, side) + flow[at][0], z = place_of(j, side) + flow[at][1];
+            const float x = place_of(i, side) + flow[0][at], z = place_of(j, side) + flow[1][at];
             const bool seen = is_sky(place_of(i, side), place_of(j, side)) && is_sky(x, z);
             const float dx = 0.5f * (sample(second, side, x + step, z) - sample(second, side, x - step, z));
             const float dz = 0.5f * (sample(second, side, x, z + step) - sample(second, side, x, z - step));
@@ -262,61 +259,50 @@ static void improve(const struct work *w, const float *first, const float *secon
         const float u = -(c * w->sums[3][at] - b * w->sums[4][at]) / det;
         const float v = -(a * w->sums[4][at] - b * w->sums[3][at]) / det;
         /* A texel a round: steps beyond are not to be trusted. */
-        w->sums[0][at] = flow[at][0] + step * fmaxf(-1.0f, fminf(1.0f, u));
-        w->sums[1][at] = flow[at][1] + step * fmaxf(-1.0f, fminf(1.0f, v));
+        w->sums[0][at] = flow[0][at] + step * fmaxf(-1.0f, fminf(1.0f, u));
+        w->sums[1][at] = flow[1][at] + step * fmaxf(-1.0f, fminf(1.0f, v));
     }
     smooth(w, side, flow);
 }
 
 /* The flow of the next finer level, in place: each place takes that of the coarse place it lies in. */
-static void refine_grid(float (*flow)[2], uint32_t side)
+static void refine_grid(float *flow, uint32_t side)
 {
-    for (uint32_t at = side * side; at-- > 0;) {
-        const uint32_t j = at / side, i = at % side, from = j / 2 * (side / 2) + i / 2;
-        flow[at][0] = flow[from][0];
-        flow[at][1] = flow[from][1];
-    }
+    for (uint32_t at = side * side; at-- > 0;)
+        flow[at] = flow[at / side / 2 * (side / 2) + at % side / 2];
 }
 
-static void follow(const struct work *w, int from, const double wind[2], float (*flow)[2])
+static void follow(const struct work *w, int from, const double wind[2], float *const *flow)
 {
     uint32_t side = SIDE >> (LEVELS - 1);
 
-    for (uint32_t at = 0; at < side * side; at++)
-        blow(wind, place_of(at % side, side), place_of(at / side, side), flow[at]);
+    for (uint32_t at = 0; at < side * side; at++) {
+        float way[2];
+        blow(wind, place_of(at % side, side), place_of(at / side, side), way);
+        flow[0][at] = way[0];
+        flow[1][at] = way[1];
+    }
     for (int l = LEVELS - 1; l >= 0; l--, side *= 2) {
         for (int k = 0; k < ROUNDS; k++)
             improve(w, w->image[from][l], w->image[1 - from][l], side, flow);
-        if (l > 0)
-            refine_grid(flow, 2 * side);
+        for (int k = 0; k < 2 && l > 0; k++)
+            refine_grid(flow[k], 2 * side);
     }
 }
 
-static float sample_flow(float (*const flow)[2], int axis, float px, float pz)
-{
-    const float half = 0.5f * SIDE, most = SIDE - 1.001f;
-    const float x = fmaxf(0.0f, fminf(most, (px + 1.0f) * half - 0.5f));
-    const float y = fmaxf(0.0f, fminf(most, (pz + 1.0f) * half - 0.5f));
-    const uint32_t i = (uint32_t)x, j = (uint32_t)y, at = j * SIDE + i;
-    const float u = x - (float)i, v = y - (float)j;
-
-    return (1.0f - v) * ((1.0f - u) * flow[at][axis] + u * flow[at + 1][axis]) +
-           v * ((1.0f - u) * flow[at + SIDE][axis] + u * flow[at + SIDE + 1][axis]);
-}
-
 /* Sets the flow to 0 where forward and backward flow disagree and near the horizon, then smooths it. */
-static void trust(const struct work *w, float (*flow)[2])
+static void trust(const struct work *w, float *const *flow)
 {
     for (uint32_t at = 0; at < AREA; at++) {
         const float px = place_of(at % SIDE, SIDE), pz = place_of(at / SIDE, SIDE);
-        const float x = px + w->flow[at][0], z = pz + w->flow[at][1],
+        const float x = px + w->flow[0][at], z = pz + w->flow[1][at],
                     far = sqrtf(fmaxf(px * px + pz * pz, x * x + z * z));
         const float off =
-            hypotf(w->flow[at][0] + sample_flow(w->back, 0, x, z), w->flow[at][1] + sample_flow(w->back, 1, x, z));
+            hypotf(w->flow[0][at] + sample(w->back[0], SIDE, x, z), w->flow[1][at] + sample(w->back[1], SIDE, x, z));
         const float agrees = fmaxf(0.0f, fminf(1.0f, 2.0f - off / AGREE));
         const float keep = far < EDGE ? agrees * fminf(1.0f, (EDGE - far) * 10.0f) : 0.0f;
-        w->sums[0][at] = keep * w->flow[at][0];
-        w->sums[1][at] = keep * w->flow[at][1];
+        w->sums[0][at] = keep * w->flow[0][at];
+        w->sums[1][at] = keep * w->flow[1][at];
     }
     smooth(w, SIDE, flow);
 }
@@ -329,8 +315,9 @@ enum err drift_find(struct drift *d, const float *first, const float *second, ui
     struct work w;
 
     d->work = d->work ? d->work : mem_alloc(WORK_FLOATS, sizeof(float));
-    d->flow = d->flow ? d->flow : mem_alloc(AREA, sizeof(*d->flow));
-    if (!d->work || !d->flow)
+    for (int k = 0; k < 2; k++)
+        d->flow[k] = d->flow[k] ? d->flow[k] : mem_alloc(AREA, sizeof(float));
+    if (!d->work || !d->flow[0] || !d->flow[1])
         return ERR_NOMEM;
     lay_out(d->work, &w);
     for (int k = 0; k < 2; k++) {
@@ -346,7 +333,7 @@ enum err drift_find(struct drift *d, const float *first, const float *second, ui
     follow(&w, 1, back, w.back);
     trust(&w, d->flow);
     const double still = misfit(w.image[0][0], w.image[1][0], SIDE, none, NULL);
-    const double left = misfit(w.image[0][0], w.image[1][0], SIDE, NULL, d->flow);
+    const double left = misfit(w.image[0][0], w.image[1][0], SIDE, none, d->flow);
     d->gain = still > ALIKE ? left / still : 1.0;
     d->moves = d->gain < WORTH;
     return ERR_OK;
@@ -354,7 +341,8 @@ enum err drift_find(struct drift *d, const float *first, const float *second, ui
 
 void drift_finish(struct drift *d)
 {
-    mem_free(d->flow);
+    mem_free(d->flow[0]);
+    mem_free(d->flow[1]);
     mem_free(d->work);
     *d = (struct drift){ .moves = false };
 }
@@ -366,12 +354,12 @@ void drift_finish(struct drift *d)
 static void origin_of(const struct drift *d, const float w[3], double t, int side, float out[3])
 {
     const float px = w[0] / (1.0f + w[1]), pz = w[2] / (1.0f + w[1]), back = (float)t, on = 1.0f - (float)t;
-    float u = sample_flow(d->flow, 0, px, pz), v = sample_flow(d->flow, 1, px, pz);
+    float u = sample(d->flow[0], SIDE, px, pz), v = sample(d->flow[1], SIDE, px, pz);
 
     for (int k = 0; k < 2; k++) {
         const float x = px - back * u, z = pz - back * v;
-        u = sample_flow(d->flow, 0, x, z);
-        v = sample_flow(d->flow, 1, x, z);
+        u = sample(d->flow[0], SIDE, x, z);
+        v = sample(d->flow[1], SIDE, x, z);
     }
     if (side == 0)
         direction_of(px - back * u, pz - back * v, out);

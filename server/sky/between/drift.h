@@ -17,11 +17,11 @@
 #define DRIFT_SIDE 128 /* of the thumbnails, over -1..1 in both coordinates */
 
 struct drift {
-    bool moves;       /* better than fading: see gain */
-    double gain;      /* squared difference of the thumbnails after the motion over that of standing still, 0..1 */
-    double wind[2];   /* (x, z) / y per interval, for messages */
-    float (*flow)[2]; /* owned; [DRIFT_SIDE^2]: from the first sky to the second, in stereographic coordinates */
-    float *work;      /* owned */
+    bool moves;     /* better than fading: see gain */
+    double gain;    /* squared difference of the thumbnails after the motion over that of standing still, 0..1 */
+    double wind[2]; /* (x, z) / y per interval, for messages */
+    float *flow[2]; /* owned; [DRIFT_SIDE^2] each: from the first sky to the second, both stereographic coordinates */
+    float *work;    /* owned */
 };
 
 /* Finds the motion from `first` to `second`, of one size. Memory is reused. ERR_NOMEM. */
