@@ -101,11 +101,11 @@ def cloud(b):
 
 def north(b):
     print("alignment of a rig turned by 37 degrees, by the program's own words")
-    for count, tilt in ((1, 0), (10, 0), (10, 6)):
-        folder = b.skies(f"north-{count}-{tilt}", "--count", count, "--step", 1800, "--time", "08:00:00", "--clear-sun",
-                         "--rotate", 37, "--tilt", tilt)
+    for count, tilt, harm in ((1, 0, ()), (10, 0, ()), (10, 6, ()), (10, 6, ("--clip", 2))):
+        folder = b.skies(f"north-{count}-{tilt}-{len(harm)}", "--count", count, "--step", 1800, "--time", "08:00:00", "--clear-sun",
+                         "--rotate", 37, "--tilt", tilt, *harm)
         said = b.render(folder, b.work / "north.%04d.exr", "--align", "sun", "--place", "45,0")
-        print(f"  {count:2} skies, tilt {tilt}: {[line for line in said.splitlines() if 'north:' in line][-1].partition('north: ')[2]}")
+        print(f"  {count:2} skies, tilt {tilt}{', clipped' if harm else ''}: {[line for line in said.splitlines() if 'north:' in line][-1].partition('north: ')[2]}")
 
 
 def cost(b):
