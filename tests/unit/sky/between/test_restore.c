@@ -76,6 +76,17 @@ static void paint_measured(struct picture *p, size_t k, bool standard, const dou
     add_sun(p, sun, direct * perez_direct_efficacy(z, clear, bright, 10.0));
 }
 
+/* Paints a measured sky, clips and restores it; units: 0 if they are not told. Returns how far its light is off, %. */
+static double restore_measured(struct picture *p, size_t k, bool cie, double units, struct restored *r)
+{
+    double sun[3];
+
+    sun_at(90.0 - measured[k].zenith, 230.0, sun);
+    paint_measured(p, k, cie, sun);
+    picture_scale(p, units > 0.0 ? units : 1.0);
+    return clip_and_restore(p, sun, 3.0, units, r);
+}
+
 static void energy_is_right_for_measured_skies_in_known_units(void **state)
 {
     struct picture p = picture_make(512);
@@ -84,11 +95,7 @@ static void energy_is_right_for_measured_skies_in_known_units(void **state)
     (void)state;
     for (size_t i = 0; i < 2 * sizeof(measured) / sizeof(measured[0]); i++) {
         const size_t k = i / 2;
-        double sun[3];
-        sun_at(90.0 - measured[k].zenith, 230.0, sun);
-        paint_measured(&p, k, i % 2, sun);
-        picture_scale(&p, 0.01);
-        const double off = clip_and_restore(&p, sun, 3.0, 0.01, &r);
+        const double off = restore_measured(&p, k, i % 2, 0.01, &r);
         printf("%s zenith %.0f, %.0f + %.0f W: turbidity %.2f, agreement %.2f, %+.1f %%\n", i % 2 ? "cie" : "perez",
                measured[k].zenith, measured[k].direct, measured[k].diffuse, r.turbidity, r.agreement, off);
         assert_int_equal(r.kind, RESTORE_ADDED);
@@ -107,10 +114,7 @@ static void shape_alone_suffices_for_clear_skies_at_high_sun(void **state)
     (void)state;
     for (size_t i = 0; i < 2 * sizeof(measured) / sizeof(measured[0]); i++) {
         const size_t k = i / 2;
-        double sun[3];
-        sun_at(90.0 - measured[k].zenith, 230.0, sun);
-        paint_measured(&p, k, i % 2, sun);
-        const double off = clip_and_restore(&p, sun, 3.0, 0.0, &r);
+        const double off = restore_measured(&p, k, i % 2, 0.0, &r);
         printf("%s zenith %.0f, %.0f + %.0f W: turbidity %.2f, %+.1f %%\n", i % 2 ? "cie" : "perez", measured[k].zenith,
                measured[k].direct, measured[k].diffuse, r.turbidity, off);
         assert_true(fabs(off) < (k < 3 ? 10.0 : 100.0));
