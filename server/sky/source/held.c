@@ -242,13 +242,13 @@ static enum err load(struct source *s, uint64_t sky, struct reason *why)
         e = source_next_sky(s, &h->frame, why);
     if (e == ERR_END || e == ERR_NOMEM)
         return e;
+    const uint32_t before = between_count(h->between);
     if (!e)
         e = between_take(h->between, &h->frame, seconds_of(h, sky), NULL, why);
     if (!e) {
-        const uint32_t count = between_count(h->between);
-        for (uint32_t k = 0; k + 1 < count && count == SUN_MARKS; k++)
-            h->loaded[k] = h->loaded[k + 1];
-        h->loaded[count - 1] = sky;
+        for (uint32_t k = 0; k + 1 < before && before == SUN_MARKS; k++)
+            h->loaded[k] = h->loaded[k + 1]; /* the window was full: its oldest sky has left */
+        h->loaded[between_count(h->between) - 1] = sky;
     } else if (h->missing) {
         h->missing[sky] = true;
     }

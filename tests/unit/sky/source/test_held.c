@@ -70,6 +70,35 @@ static void images_count_from_the_first_to_the_last_frame(void **state)
     folder_remove(&folder);
 }
 
+/* A sky that is still needed is kept: what was read once may vanish. */
+static void each_frame_is_read_once(void **state)
+{
+    enum { SKIES = 7 };
+    struct folder folder;
+    struct frame f = { .kind = FRAME_NONE };
+    char name[32];
+    int there = 0;
+    (void)state;
+
+    folder_make(&folder);
+    for (int k = 0; k < SKIES; k++) {
+        snprintf(name, sizeof(name), "a.%d.hdr", k);
+        put_grey(&folder, name, (unsigned char)(64 + 16 * k));
+    }
+    struct source *s = opened(folder_path(&folder, "a.%d.hdr"), false, BETWEEN_FADE);
+    for (int k = 0; k <= (SKIES - 1) * HOLD; k++) {
+        (void)grey_of(s, &f);
+        for (; k % HOLD != 0 && there < SKIES && there <= k / HOLD + 2; there++) {
+            snprintf(name, sizeof(name), "a.%d.hdr", there);
+            assert_int_equal(remove(folder_path(&folder, name)), 0);
+        }
+    }
+    assert_int_equal(there, SKIES);
+    frame_finish(&f);
+    source_close(s);
+    folder_remove(&folder);
+}
+
 /* Taken at 0, 1 and 4 s: nine images over four seconds are half a second apart. */
 static void capture_times_in_names_make_images_even_in_time(void **state)
 {
@@ -199,6 +228,7 @@ static void what_loops_begins_again(void **state)
 
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(images_count_from_the_first_to_the_last_frame),
+    cmocka_unit_test(each_frame_is_read_once),
     cmocka_unit_test(capture_times_in_names_make_images_even_in_time),
     cmocka_unit_test(times_that_stand_still_are_not_used),
     cmocka_unit_test(a_damaged_frame_is_passed_over),
