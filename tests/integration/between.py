@@ -2,6 +2,7 @@
 """Images between captured skies: of files, and of skies that come by themselves, as users run them."""
 
 import asyncio
+import json
 
 from control import Party
 from peer import check, expect, main, radiance, run, until
@@ -15,10 +16,10 @@ async def render(*arguments):
     return await run("relight-render", *RENDER, *arguments)
 
 
-def put(folder, number, level):
+def put(folder, number, level, size=(8, 4)):
     """A sky of the watched folder, complete at once."""
     hidden = folder / f".sky.{number}"
-    hidden.write_bytes(radiance(level, (8, 4)))
+    hidden.write_bytes(radiance(level, size))
     hidden.rename(folder / f"sky.{number:02d}.hdr")
 
 
@@ -39,6 +40,22 @@ async def a_held_sequence_has_images_between_its_skies(folder):
     # Any frame alone is the same as in the whole sequence.
     expect(await render("--source", skies, "--hold", "5", "--frames", "1-2", "--out", folder / "part.%02d.exr"), 0, "6 images")
     check((folder / "part.05.exr").read_bytes() == (folder / "all.05.exr").read_bytes(), "the numbers are others")
+
+
+async def statistics_say_what_was_corrected(folder):
+    """Every second sky is a fifth brighter, 0.27 stops: it loses them, and the image between is halfway."""
+    skies = folder / "skies"
+    skies.mkdir()
+    for k in range(8):
+        put(skies, k, 200 if k % 2 else 166, (64, 32))
+    stats = folder / "stats.json"
+    expect(await render("--source", skies, "--deflicker", "--hold", "2", "--stats", stats, "--out", folder / "x.%02d.exr"), 0)
+    stops = [one["corrected"]["exposure_stops"] for one in json.loads(stats.read_text()) if "corrected" in one]
+    check(len(stops) == 15, f"{len(stops)} records state a correction")
+    check(abs(stops[10] - stops[8] + 0.27) < 0.01, f"exposure corrected by {stops}")
+    check(abs(stops[9] - 0.5 * (stops[8] + stops[10])) < 1e-3, f"between two skies: {stops[8:11]}")
+    expect(await render("--source", skies, "--stats", stats, "--out", folder / "x.%02d.exr"), 0)
+    check("corrected" not in stats.read_text(), "corrections are stated though none was asked for")
 
 
 async def what_makes_no_sense_is_refused_by_name(folder):

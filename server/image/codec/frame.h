@@ -6,6 +6,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -25,6 +26,8 @@ struct frame {
     double units;       /* of the texels per W sr^-1 m^-2; 0: unknown, so that they are relative to each other alone */
     char name[256];     /* for messages: a file's path or a description of the sky */
     double turn;        /* degrees about +Y, in addition to the rotation of what takes it */
+    double stops;       /* by which the exposure of a captured sky was corrected (sky/between) */
+    bool sun_restored;  /* its clipped sun was given its energy back */
     char layout[16];    /* a layout's name, as layout_parse reads it; "": the file's own, and lat-long for texels */
 
     uint8_t *bytes; /* FRAME_FILE */

@@ -157,6 +157,10 @@ char *render_stats_text(struct render *r, const struct relight_stats *s, const s
     if (j && more) {
         json_object_update(j, more);
         json_object_set_new(j, "unit", json_string(environment_unit(r->environment)));
+        if (between_corrects(&r->desc.setup.source_desc.between))
+            json_object_set_new(j, "corrected",
+                                json_pack("{s:f, s:b, s:f}", "exposure_stops", r->frame.stops, "sun_restored",
+                                          r->frame.sun_restored, "turn", r->frame.turn));
         if (!method_is_reference(light->direct.method))
             json_object_set_new(j, "plan", plan_stats(s));
         json_object_set_new(j, "changes", changes_stats(&r->changes));

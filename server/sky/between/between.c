@@ -49,7 +49,7 @@ struct sky {
     float *rest;          /* owned; [height][width][3]: without its sun */
     size_t capacity;      /* floats */
     struct sun_patch sun; /* owned */
-    struct frame about;   /* number, time, units, turn, name; no texels */
+    struct frame about;   /* number, time, units, turn, corrections, name; no texels */
     uint64_t serial;      /* counts the skies that were taken */
     bool turned;          /* by the alignment: its sun's texels are no longer where they were */
 };
@@ -64,9 +64,7 @@ struct between {
     uint64_t drift_of; /* serial of the later of its two skies; 0: none */
 
     struct deflicker deflicker;
-    struct deflicker_result exposure; /* of the last sky */
-    int64_t steadied_us;              /* when it was taken; 0: nobody says */
-    bool restored;                    /* the last sky's sun */
+    int64_t steadied_us; /* when the last sky was taken; 0: nobody says */
     struct sun_pair pairs[PAIRS];
     size_t pair_count;
     bool learning, learnt; /* the alignment, by between_learn; it is settled */
@@ -237,17 +235,18 @@ static void steady(struct between *b, const struct frame *f, struct sky *s)
 {
     const struct sky *before = b->count > 0 ? s - 1 : NULL;
     const int64_t us = taken_us(b, f), last_us = b->steadied_us;
-    struct deflicker_result *r = &b->exposure;
+    struct deflicker_result r;
     double later = before ? s->seconds - before->seconds : 0.0;
 
     if (before && us != 0 && last_us != 0)
         later = 1e-6 * (double)(us - last_us);
     b->steadied_us = us;
-    deflicker_take(&b->deflicker, s->rest, s->width, s->height, later, r);
-    if (r->jumped)
-        log_info("%s: the exposure jumped; it is undone, %+.2f stops from here on", s->about.name, (double)r->stops);
+    deflicker_take(&b->deflicker, s->rest, s->width, s->height, later, &r);
+    s->about.stops = (double)r.stops;
+    if (r.jumped)
+        log_info("%s: the exposure jumped; it is undone, %+.2f stops from here on", s->about.name, s->about.stops);
     for (size_t k = 0; k < 3 * (size_t)s->width * s->height; k++)
-        s->rest[k] *= r->gain[k % 3];
+        s->rest[k] *= r.gain[k % 3];
 }
 
 static enum err give_sun(struct between *b, struct sky *s, struct reason *why)
@@ -256,7 +255,7 @@ static enum err give_sun(struct between *b, struct sky *s, struct reason *why)
     struct restored r;
     const enum err e = restore_sun(s->rest, s->width, s->height, &desc, &r, why);
 
-    b->restored = !e && r.kind == RESTORE_ADDED;
+    s->about.sun_restored = !e && r.kind == RESTORE_ADDED;
     if (!e && r.note[0])
         say(b, SAID_SUN, s, r.note);
     return e;
@@ -526,6 +525,8 @@ static void set_about(const struct between *b, uint32_t k, double t, struct fram
     out->capture_us = next->capture_us ? f->capture_us + llround(later) : 0;
     out->units = f->units;
     out->turn = f->turn + turn;
+    out->stops = f->stops + t * (next->stops - f->stops);
+    out->sun_restored = f->sun_restored || next->sun_restored;
     snprintf(out->layout, sizeof(out->layout), "latlong");
     memcpy(out->name, f->name, sizeof(out->name));
 }
@@ -570,6 +571,7 @@ enum err between_show(struct between *b, double seconds, struct frame *out)
 const char *between_state(const struct between *b, bool moving, char *out, size_t size)
 {
     const struct alignment *a = &b->alignment;
+    const struct frame *last = b->count > 0 ? &b->skies[b->count - 1].about : &(struct frame){ .stops = 0.0 };
     const bool moves = b->desc.mode == BETWEEN_MOTION && b->drift_of && b->drift.moves;
     size_t used = (size_t)snprintf(out, size, "%s",
                                    !moving ? "each sky is shown until the next"
@@ -577,8 +579,8 @@ const char *between_state(const struct between *b, bool moving, char *out, size_
                                            : "the sun moves, the rest fades");
 
     if (b->desc.deflicker && used < size)
-        used += (size_t)snprintf(out + used, size - used, "; exposure %+.2f stops", (double)b->exposure.stops);
-    if (b->restored && used < size)
+        used += (size_t)snprintf(out + used, size - used, "; exposure %+.2f stops", last->stops);
+    if (last->sun_restored && used < size)
         used += (size_t)snprintf(out + used, size - used, "; a clipped sun was restored");
     if (a->kind != ALIGN_NONE && used < size)
         (void)snprintf(out + used, size - used, "; turned by %.1f degrees to north", a->azimuth);
