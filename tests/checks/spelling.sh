@@ -3,7 +3,7 @@
 set -euo pipefail
 cd "$1"
 command -v codespell >/dev/null || { echo "skipped: codespell is not installed"; exit 77; }
-words=bringin,hart,lates,lod # names in the code
+words=bringin,fo,hart,lates,lod # names in the code
 check() { codespell -L "$words" "$@"; }
 
 seen="$(check - <<<'It is definately so.' || true)"

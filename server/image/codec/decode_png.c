@@ -182,6 +182,18 @@ static enum err take_codes(const struct png_file *f, struct image *im, struct ma
     return ERR_OK;
 }
 
+static struct marker find_xmp(const struct png_file *f)
+{
+    png_textp texts = NULL;
+    const int count = png_get_text(f->png, f->info, &texts, NULL);
+
+    for (int i = 0; i < count; i++)
+        if (strcmp(texts[i].key, "XML:com.adobe.xmp") == 0)
+            return (struct marker){ (const uint8_t *)texts[i].text,
+                                    texts[i].itxt_length ? texts[i].itxt_length : texts[i].text_length };
+    return (struct marker){ .size = 0 };
+}
+
 static enum err decode(struct png_file *f, struct image *im)
 {
     struct markers m = { 0 };
@@ -199,7 +211,8 @@ static enum err decode(struct png_file *f, struct image *im)
     e = cicp ? take_signal(f, cicp, im) : take_codes(f, im, &m);
     if (e)
         return e;
-    image_take_aspect(im, (double)png_get_pixel_aspect_ratio(f->png, f->info));
+    m.aspect = (double)png_get_pixel_aspect_ratio(f->png, f->info);
+    m.xmp = find_xmp(f);
     if (png_get_eXIf_1(f->png, f->info, &exif_size, &exif)) {
         m.orientation = markers_orientation(exif, exif_size);
         m.exif = (struct marker){ exif, exif_size };

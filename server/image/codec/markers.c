@@ -157,8 +157,11 @@ static bool take(const uint8_t *at, size_t size, const char *name, size_t length
 /* The contents of a segment. */
 static void take_segment(uint8_t code, const uint8_t *at, size_t size, struct markers *m)
 {
-    struct marker exif = { .size = 0 };
+    struct marker exif = { .size = 0 }, jfif = { .size = 0 };
 
+    if (code == 0xe0 && take(at, size, "JFIF\0", 5, &jfif) && m->aspect == 0.0 && jfif.size >= 7 &&
+        big(jfif.at + 3, 2) > 0)
+        m->aspect = (double)big(jfif.at + 5, 2) / (double)big(jfif.at + 3, 2); /* densities: texels per length */
     if (code == 0xe1 && take(at, size, "Exif\0", 6, &exif) && m->orientation == 0) {
         m->orientation = markers_orientation(exif.at, exif.size);
         m->exif = m->exif.at ? m->exif : exif;
@@ -284,7 +287,10 @@ enum err markers_place(const struct markers *m, struct image *im)
     if (m->icc.at && !is_srgb(&m->icc))
         image_note(im, "its ICC profile is ignored: it is read as sRGB, to which it is best converted");
     markers_taken(&m->exif, im);
-    const enum err e = image_orient(im, m->orientation);
+    image_take_aspect(im, m->aspect);
+    const double stated = number(m, "tiff:Orientation", 0.0);
+    const unsigned also = stated >= 1.0 && stated <= 8.0 ? (unsigned)stated : 0;
+    const enum err e = image_orient(im, m->orientation ? m->orientation : also);
     return e ? e : place_panorama(m, im);
 }
 

@@ -15,7 +15,8 @@ struct marker {
 };
 
 struct markers {                  /* zeroed: nothing is said */
-    unsigned orientation;         /* Exif's, 1 to 8; 0: not stated */
+    unsigned orientation;         /* Exif's, 1 to 8; 0: not stated, then XMP's counts */
+    double aspect;                /* width per height of a texel; 0: not stated */
     struct marker exif;           /* a block that begins as a TIFF file */
     struct marker xmp, icc, gain; /* gain: ISO 21496-1's metadata */
     size_t end;                   /* of a JPEG: behind the image's last byte */

@@ -179,13 +179,13 @@ struct obj {
     size_t vertices, vertex_room;
     struct smooth *smooth; /* owned */
     size_t smooth_count, smooth_room;
-    uint32_t *table;   /* owned; hashed by key: 1 + index into smooth; 0: free */
-    size_t table_size; /* a power of two */
-    size_t normals;    /* of the file, so far */
-    uint32_t group;    /* 0: off */
-    size_t total;      /* vertices of the file */
-    struct word wrong; /* a corner that names no vertex; size 0: none so far */
-    size_t curves;     /* free-form statements */
+    uint32_t *table;      /* owned; hashed by key: 1 + index into smooth; 0: free */
+    size_t table_size;    /* a power of two */
+    size_t normals;       /* of the file, so far */
+    uint32_t group;       /* 0: off */
+    size_t total;         /* vertices of the file */
+    struct word wrong;    /* a corner that names no vertex; size 0: none so far */
+    size_t curves, edges; /* free-form statements; lines and points */
     bool failed;
 };
 
@@ -321,7 +321,7 @@ static void look(struct obj *o, const struct bytes *in, bool smooth)
         const struct word key = next_word(&line);
         if (smooth && is(&key, "s"))
             take_group(o, &line);
-        else if (is(&key, "f"))
+        else if (is(&key, "f") || is(&key, "fo"))
             smooth_face(o, &line);
         else if (is(&key, "v"))
             take_vertex(o, &line);
@@ -410,30 +410,28 @@ static void put_libraries(struct text *t, const struct word *line)
 
 static void put_line(struct obj *o, struct word line)
 {
-    const struct word whole = line, key = next_word(&line);
+    const struct word key = next_word(&line);
 
-    if (key.size == 0)
-        return;
-    if (is(&key, "f")) {
+    if (is(&key, "f") || is(&key, "fo")) { /* fo: as very old files have it */
         put(&o->text, "f", 1);
         put_face(o, &line);
-        put(&o->text, "\n", 1);
     } else if (is(&key, "v") || is(&key, "vt") || is(&key, "vn")) {
-        put(&o->text, key.at, key.size);
+        put(&o->text, is(&key, "vt") ? "vt" : "vn", key.size); /* of "vn", a position has the first letter */
         put_vertex(o, &line, key.size == 1);
         o->vertices += key.size == 1 ? 3 : 0;
         o->normals += is(&key, "vn");
-        put(&o->text, "\n", 1);
+    } else if (is(&key, "g") || is(&key, "o") || is(&key, "usemtl")) {
+        put(&o->text, is(&key, "g") ? "g " : is(&key, "o") ? "o " : "usemtl ", key.size + 1);
+        put(&o->text, line.at, line.size);
     } else if (is(&key, "s")) {
         take_group(o, &line);
     } else if (is(&key, "mtllib")) {
         put_libraries(&o->text, &line);
-    } else if (is(&key, "g") || is(&key, "o") || is(&key, "usemtl")) {
-        put(&o->text, whole.at, whole.size);
-        put(&o->text, "\n", 1);
     } else {
         o->curves += is(&key, "curv") || is(&key, "curv2") || is(&key, "surf");
+        o->edges += is(&key, "l") || is(&key, "p");
     }
+    put(&o->text, "\n", 1);
 }
 
 static enum err refuse_corner(const struct obj *o, const struct bytes *file, const char *name, struct reason *why)
@@ -471,8 +469,10 @@ enum err obj_text(struct bytes *file, const char *name, bool smooth, double orig
         return o.failed || o.text.failed ? err_say(why, ERR_NOMEM, "%s: out of memory", name)
                                          : refuse_corner(&o, file, name, why);
     }
-    if (o.curves > 0)
-        log_warning("%s: %zu free-form curves or surfaces are left out: export them as polygons", name, o.curves);
+    if (o.curves + o.edges > 0)
+        log_warning(
+            "%s: %zu free-form curves or surfaces and %zu lines or points are left out: export them as polygons", name,
+            o.curves, o.edges);
     bytes_finish(file);
     *file = o.text.out;
     memcpy(origin, o.origin, sizeof(o.origin));

@@ -78,6 +78,18 @@ static bool next_line(char **text, struct line *l)
     return true;
 }
 
+/* Nothing, or a word that spreadsheets write for it. */
+static bool is_blank(const char *text)
+{
+    static const char *const words[] = { "", "-", "--", "N/A", "#N/A", "NA", "NaN", "null", "none", "missing" };
+    const size_t at = strspn(text, " \t"), length = strcspn(text + at, " \t");
+
+    for (size_t i = 0; i < sizeof(words) / sizeof(words[0]); i++)
+        if (length == strlen(words[i]) && strncasecmp(text + at, words[i], length) == 0)
+            return true;
+    return false;
+}
+
 /* *mended counts what became 0 or missing and was not stated as missing; NULL: of no interest. */
 static enum err take_number(const struct line *l, const struct field *f, double *out, size_t *mended,
                             struct reason *why)
@@ -92,7 +104,7 @@ static enum err take_number(const struct line *l, const struct field *f, double 
     }
     const char *text = l->fields[f->index];
     *out = strtod(text, &end);
-    const bool blank = !text[strspn(text, " \t")];
+    const bool blank = is_blank(text);
     const bool number = end != text && !end[strspn(end, " \t")] && isfinite(*out);
     const bool lacks = blank || (number && f->need == MEASURED && *out < f->least);
     if (f->need != NEEDED && (lacks || (f->need == UNREAD && !(number && *out >= f->least && *out <= f->most)))) {

@@ -252,23 +252,33 @@ static size_t make_exif(uint8_t *out, uint8_t orientation, bool small)
     return 26;
 }
 
-static void an_exif_orientation_turns_a_jpeg_upright(void **state)
+#define XMP "http://ns.adobe.com/xap/1.0/\0"
+#define TURNED "<rdf:Description tiff:Orientation=\""
+
+/* By Exif in both byte orders, or by XMP. */
+static void an_orientation_turns_a_jpeg_upright(void **state)
 {
     static const uint8_t codes[] = { 3, 6 };
     (void)state;
 
-    for (int k = 0; k < 4; k++) {
-        uint8_t segment[40] = "Exif\0";
+    for (int k = 0; k < 6; k++) {
+        uint8_t segment[80] = "Exif\0";
         struct image im = { 0 };
         struct buffer b = { .size = 0 };
-        const size_t size = 6 + make_exif(segment + 6, codes[k / 2], k % 2);
+        const int code = k < 4 ? codes[k / 2] : codes[k - 4];
+        size_t size = 6 + make_exif(segment + 6, (uint8_t)code, k % 2);
+        if (k >= 4) {
+            memcpy(segment, XMP TURNED "3\"/>", sizeof(XMP TURNED) + 4);
+            size = sizeof(XMP TURNED) + 4;
+            segment[sizeof(XMP TURNED) - 1] = (uint8_t)('0' + code);
+        }
         append_jpeg(&b, 0xe1, segment, size);
         decode(b.bytes, b.size, &im);
         /* the left half is (200, 40, 90): by 3 it is on the right, by 6 at the top */
-        must_be(&im, k < 2 ? SIDE - 1 : 0, light_of(200 / 255.0), light_of(40 / 255.0), light_of(90 / 255.0), 0.05);
-        must_be(&im, k < 2 ? 0 : SIDE * (SIDE - 1), light_of(8 / 255.0), light_of(160 / 255.0), light_of(250 / 255.0),
-                0.05);
-        for (size_t n = 6; n < size; n++) { /* cut Exif is none */
+        must_be(&im, code == 3 ? SIDE - 1 : 0, light_of(200 / 255.0), light_of(40 / 255.0), light_of(90 / 255.0), 0.05);
+        must_be(&im, code == 3 ? 0 : SIDE * (SIDE - 1), light_of(8 / 255.0), light_of(160 / 255.0),
+                light_of(250 / 255.0), 0.05);
+        for (size_t n = 6; n < size && k < 4; n++) { /* cut Exif is none */
             b.size = 0;
             append_jpeg(&b, 0xe1, segment, n);
             decode(b.bytes, b.size, &im);
@@ -276,8 +286,6 @@ static void an_exif_orientation_turns_a_jpeg_upright(void **state)
         image_finish(&im);
     }
 }
-
-#define XMP "http://ns.adobe.com/xap/1.0/\0"
 
 static void a_part_of_a_panorama_lies_where_it_says(void **state)
 {
@@ -395,6 +403,7 @@ struct png_recipe {
     const char *profile; /* what ICC profile to give it, by the text it has, or NULL */
     char curve;          /* of the profile: 0 linear, 1 a power, 2 other */
     bool narrow;         /* texels half as wide as high */
+    char *xmp;           /* or NULL */
 };
 
 /* As much of a profile as libpng wants to see: a description and a curve. */
@@ -432,6 +441,8 @@ static void write_png(const struct png_recipe *r, const uint8_t *samples, struct
         set_profile(png, info, r);
     if (r->narrow)
         png_set_pHYs(png, info, 2, 1, PNG_RESOLUTION_UNKNOWN);
+    if (r->xmp)
+        png_set_text(png, info, &(png_text){ PNG_ITXT_COMPRESSION_NONE, (char[]){ "XML:com.adobe.xmp" }, r->xmp }, 1);
     if (r->orientation)
         png_set_eXIf_1(png, info, (png_uint_32)make_exif(exif, r->orientation, true), exif);
     if (r->cicp) {
@@ -472,9 +483,10 @@ static void a_profile_other_than_srgb_is_named(void **state)
     image_finish(&im);
 }
 
-static void the_shape_of_a_pngs_texels_is_named(void **state)
+static void the_shape_of_texels_is_named_or_taken(void **state)
 {
     static const uint8_t rgb[6] = { 200, 40, 90, 8, 160, 250 };
+    static const uint8_t jfif[] = { 'J', 'F', 'I', 'F', 0, 1, 2, 0, 0, 1, 0, 2, 0, 0 }; /* twice as many downwards */
     struct image im = { 0 };
     struct buffer b;
     (void)state;
@@ -482,6 +494,10 @@ static void the_shape_of_a_pngs_texels_is_named(void **state)
     write_png(&(struct png_recipe){ PNG_COLOR_TYPE_RGB, 8, .narrow = true }, rgb, &b);
     decode(b.bytes, b.size, &im);
     assert_string_equal(im.note, "the shape of its pixels, 0.5:1, is ignored");
+    b.size = 0;
+    append_jpeg(&b, 0xe0, jfif, sizeof(jfif));
+    decode(b.bytes, b.size, &im);
+    assert_true(im.layout == LAYOUT_LATLONG); /* 2:1 by its shape */
     image_finish(&im);
 }
 
@@ -545,7 +561,7 @@ static void a_png_by_pq_is_hdr_with_203_candelas_at_white(void **state)
     image_finish(&im);
 }
 
-static void an_exif_orientation_turns_a_png_upright(void **state)
+static void an_orientation_turns_a_png_upright(void **state)
 {
     static const uint8_t rgb[6] = { 255, 0, 0, 0, 0, 255 };
     struct buffer b;
@@ -556,6 +572,9 @@ static void an_exif_orientation_turns_a_png_upright(void **state)
     decode(b.bytes, b.size, &im);
     must_be(&im, 0, 0, 0, 1, 1e-6);
     must_be(&im, 1, 1, 0, 0, 1e-6);
+    write_png(&(struct png_recipe){ PNG_COLOR_TYPE_RGB, 8, .xmp = (char[]){ TURNED "3\"/>" } }, rgb, &b);
+    decode(b.bytes, b.size, &im);
+    must_be(&im, 0, 0, 0, 1, 1e-6);
     image_finish(&im);
 }
 
@@ -564,14 +583,14 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_jpeg_that_is_damaged_large_or_of_inks_is_refused),
     cmocka_unit_test(a_png_is_light_whatever_its_depth_and_channels),
     cmocka_unit_test(a_png_that_is_damaged_or_large_is_refused),
-    cmocka_unit_test(an_exif_orientation_turns_a_jpeg_upright),
+    cmocka_unit_test(an_orientation_turns_a_jpeg_upright),
     cmocka_unit_test(a_part_of_a_panorama_lies_where_it_says),
     cmocka_unit_test(a_jpeg_with_a_gain_map_is_hdr),
     cmocka_unit_test(a_png_of_16_bits_is_light_as_one_of_8_is),
     cmocka_unit_test(a_profile_other_than_srgb_is_named),
-    cmocka_unit_test(the_shape_of_a_pngs_texels_is_named),
+    cmocka_unit_test(the_shape_of_texels_is_named_or_taken),
     cmocka_unit_test(a_png_by_pq_is_hdr_with_203_candelas_at_white),
-    cmocka_unit_test(an_exif_orientation_turns_a_png_upright),
+    cmocka_unit_test(an_orientation_turns_a_png_upright),
     cmocka_unit_test(other_formats_are_refused_by_their_names),
     cmocka_unit_test(a_file_of_more_than_a_megabyte_is_read_whole),
 };

@@ -110,7 +110,25 @@ static void curves_and_surfaces_are_named(void **state)
     (void)state;
     log_begin();
     scene_destroy(scene_of("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\ncstype bezier\ncurv 0 1 1 2 3\nparm u 0 1\nend\n"));
-    assert_non_null(strstr(log_end(), "m.obj: 1 free-form curves or surfaces are left out"));
+    assert_non_null(strstr(log_end(), "m.obj: 1 free-form curves or surfaces and 0 lines or points are left out"));
+    log_begin();
+    scene_destroy(scene_of("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\nl 1 2\np 1\n"));
+    assert_non_null(strstr(log_end(), "m.obj: 0 free-form curves or surfaces and 2 lines or points are left out"));
+}
+
+/* Capitals, and the face of old files. */
+static void other_spellings_of_statements_are_read(void **state)
+{
+    static const char *const texts[] = { "V 0 0 0\nV 1 0 0\nV 1 1 0\nVT 0 0\nVN 0 0 1\nF 1/1/1 2/1/1 3/1/1\n",
+                                         "v 0 0 0\nv 1 0 0\nv 1 1 0\nfo 1 2 3\n",
+                                         "v 0 0 0\nv 1 0 0\nv 1 1 0\nO a\nG b\nUSEMTL c\nfo 1 2 3\n" };
+    (void)state;
+
+    for (size_t i = 0; i < sizeof(texts) / sizeof(texts[0]); i++) {
+        struct scene *s = scene_of(texts[i]);
+        assert_int_equal(s->triangle_count, 1);
+        scene_destroy(s);
+    }
 }
 
 /* A roof of two faces: in one group they share normals at the ridge, in two or in none they have their own. */
@@ -146,6 +164,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(an_obj_in_utf_16_is_the_same_square),
     cmocka_unit_test(a_corner_that_is_no_vertex_is_refused_with_its_line),
     cmocka_unit_test(curves_and_surfaces_are_named),
+    cmocka_unit_test(other_spellings_of_statements_are_read),
     cmocka_unit_test(smoothing_groups_are_normals),
 };
 

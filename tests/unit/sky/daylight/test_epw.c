@@ -108,6 +108,8 @@ static void odd_measurements_are_mended_or_missing(void **state)
     (void)state;
     assert_true(direct_where(",600,", ",-0.4,", 1) == 0.0);
     assert_true(isnan(direct_where(",600,", ",-9999,", 1)));
+    assert_true(isnan(direct_where(",600,", ",N/A,", 1)));
+    assert_true(isnan(direct_where(",600,", ", nan ,", 1)));
     assert_true(isnan(direct_where(",600,", ",,", 1)));
     assert_true(isnan(direct_where(",600,", ", ,", 1)));
     assert_true(isnan(direct_where(",600,", ",9999,", 0)));
