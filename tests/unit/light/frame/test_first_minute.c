@@ -4,6 +4,7 @@
 #include "light/frame/decide.h"
 #include "light/frame/relighter.h"
 #include "sky/daylight/sky.h"
+#include "support/folder.h"
 #include "support/sets.h"
 #include "support/skies.h"
 
@@ -46,9 +47,11 @@ static struct environment *sky_of(const char *source, uint64_t frame)
     return sky_environment(f, 0, 0.0);
 }
 
-static void begin(struct minute *m, const char *source)
+/* scene, camera: NULL: the built-in ones. */
+static void begin(struct minute *m, const char *source, const char *scene, const char *camera)
 {
-    *m = (struct minute){ .set = set_of(&(struct prepared_scene_desc){ .width = WIDTH, .height = HEIGHT }),
+    *m = (struct minute){ .set = set_of(&(struct prepared_scene_desc){
+                              .width = WIDTH, .height = HEIGHT, .scene = scene, .camera = camera }),
                           .source = source };
     m->relighter = relighter_create(m->set, best_kernels());
     m->reference = relighter_create(m->set, best_kernels());
@@ -134,7 +137,7 @@ static void watch(const char *source)
     static struct minute m;
     struct seen denoised = { 0.0, 0.0 };
 
-    begin(&m, source);
+    begin(&m, source, NULL, NULL);
     for (int k = 0; k < 18; k++) {
         next_image(&m);
         assert_false(m.cached);
@@ -162,7 +165,40 @@ static void images_keep_up_with_a_moving_sky(void **state)
     watch("hour=10,speed=0.25");
 }
 
+/* A room with a hole of 0.4 m in one wall, of 4 m by 6 m and 2.4 m high. */
+static const char room[] = "v -2 0 -3\nv 2 0 -3\nv 2 0 3\nv -2 0 3\nv -2 2.4 -3\nv 2 2.4 -3\nv 2 2.4 3\nv -2 2.4 3\n"
+                           "v 2 1 -0.2\nv 2 1 0.2\nv 2 1.4 -0.2\nv 2 1.4 0.2\n"
+                           "f 1 2 3 4\nf 5 6 7 8\nf 1 2 6 5\nf 3 4 8 7\nf 1 4 8 5\n"
+                           "f 2 3 10 9\nf 6 7 12 11\nf 2 9 11 6\nf 3 7 12 10\n";
+
+/* Where little of what is in view sees the sky, no rough cache makes images. */
+static void a_room_waits_for_all_of_its_indirect_light(void **state)
+{
+    static struct minute m;
+    char path[80];
+    (void)state;
+
+    snprintf(path, sizeof(path), "%s/room.obj", folder);
+    FILE *out = fopen(path, "w");
+    assert_true(out && fputs(room, out) >= 0 && fclose(out) == 0);
+    begin(&m, "hour=15", path, "@-1.5,1.5,2.5;1,1,-2;60");
+    next_image(&m);
+    let_build(&m, RELIGHT_DIRECT);
+    assert_true(relighter_awaits_whole(m.relighter));
+    const bool early = relighter_follow(m.relighter) < RELIGHT_WHOLE;
+    next_image(&m);
+    next_image(&m);
+    printf("share %.3f\n", relighter_follow(m.relighter));
+    assert_true(!early || !m.cached); /* not early: this process stood still while the cache went on */
+    let_build(&m, RELIGHT_WHOLE);
+    next_image(&m); /* by which it is learnt */
+    next_image(&m);
+    assert_true(m.cached);
+    end(&m);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(images_keep_up_with_a_moving_sky),
+    cmocka_unit_test_setup_teardown(a_room_waits_for_all_of_its_indirect_light, make_folder, remove_folder),
 };
 UNIT_MAIN(tests)
