@@ -9,10 +9,12 @@
 #include <math.h>
 #include <string.h>
 
-/* REACH: a camera's glare is above the level up to here; what is wider is a bright cloud. FAINT: of the sky's energy,
- * as in sky/tables/sky_split.c. LOOKS: texels along a side by which the level is found: it need not be exact. ROUNDS:
- * of fit_disc. WIDER: light whose mean square distance exceeds the disc's by this is not the sun's disc alone. */
+/* ROWS_LEAST: in a smaller image a texel is wider than any sun and what surrounds it. REACH: a camera's glare is above
+ * the level up to here; what is wider is a bright cloud. FAINT: of the sky's energy, as in sky/tables/sky_split.c.
+ * LOOKS: texels along a side by which the level is found: it need not be exact. ROUNDS: of fit_disc. WIDER: light whose
+ * mean square distance exceeds the disc's by this is not the sun's disc alone. */
 #define LEVEL 16.0
+#define ROWS_LEAST 16
 #define REACH (3.0 * PI / 180.0)
 #define FAINT 1e-3
 #define LOOKS 256
@@ -69,7 +71,7 @@ static void find_columns(const struct cap *c, uint32_t y, long *first, uint32_t 
 {
     const double width = c->v->width, theta = acos(fmax(-1.0, fmin(1.0, c->centre[1])));
     const double here = PI * (y + 0.5) / c->v->height, least = fmin(sin(theta), sin(here));
-    const double half = sin(c->reach) < least ? asin(sin(c->reach) / least) : PI;
+    const double half = c->reach < 0.5 * PI && sin(c->reach) < least ? asin(sin(c->reach) / least) : PI;
     const double columns = ceil(half / PI * width) + 2.0;
     const double x = (PI - atan2(c->centre[0], c->centre[2])) / (2.0 * PI) * width;
 
@@ -323,6 +325,8 @@ enum err sun_patch_take(float *rgb, uint32_t width, uint32_t height, struct sun_
     out->others = 0.0;
     for (int k = 0; k < 3; k++)
         out->energy[k] = 0.0;
+    if (height < ROWS_LEAST)
+        return ERR_OK;
     if (find_level(&v, &level, &mean))
         return ERR_NOMEM;
     const uint32_t brightest = look_over(&v, level, &above);
