@@ -35,7 +35,7 @@ from peer import radiance, sky_files  # noqa: E402
 from client import Client, Finding  # noqa: E402
 from protocol import ENVIRONMENT, ENVIRONMENT_NAMES, ENVIRONMENT_STRUCT  # noqa: E402
 from script import write, write_siege  # noqa: E402
-from siege import Sluggard, Watcher, Weather, bounds, others, texels  # noqa: E402
+from siege import Sluggard, Watcher, Weather, bounds, cut_of, others, texels  # noqa: E402
 
 AGAIN_S = 5  # for an answer that has been missed before
 SHORT_S = 0.2  # for what may not come
@@ -273,7 +273,7 @@ class Stage:
         """Before a siege."""
         if self.server:
             self.kib_before = self.server.memory_kib()
-            self.cut_before = (await self.server.counters()).get('relightd_limits_reached_total{limit="memory"}', 0)
+            self.cut_before = cut_of(await self.server.counters())
 
     async def look(self, first=False):
         """After a batch: the server lives, the honest viewer gets pictures, memory and descriptors have returned."""
