@@ -168,6 +168,11 @@ assert azimuth is None or abs(sun["azimuth"] - azimuth) < 2.0, sun
 assert azimuth is not None or abs(abs(sun["azimuth"] - 121.4) - 40.0) < 2.0, sun
 PY
     done
+    python3 -c 'import sys; sys.stdout.buffer.write(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16 +X 32\n" + b"\x80\x80\x80\x81" * 512)' \
+        >"$work/even.hdr"
+    "$bin/relight-render" --source "$work/even.hdr" --size 16x9 --samples 1 --paths direct --out "$work/sun.png" --sun-azimuth 200 \
+        2>"$work/said"
+    grep -q 'no sun is found in it for --sun-azimuth to turn' "$work/said" || fail "a map without a sun is not told: $(cat "$work/said")"
 }
 
 # Frames 4 to 6 have the bytes that they have among 0 to 6, in every format and, in one, by several methods and exposures.

@@ -20,6 +20,7 @@
 #define MAX_N 1024    /* bounds tables, and arrays on the stack */
 #define BAND 8        /* rows of a face per band, as in resample.h */
 #define SAID_STRETCHED (IMAGE_SAID_LAST << 1)
+#define SAID_SUNLESS (IMAGE_SAID_LAST << 2)
 
 /* The state of deferred work (see lean). */
 struct environment_rest {
@@ -358,7 +359,8 @@ enum err environment_rebuild(struct environment *e, struct reason *why)
     struct sun_place sun;
     const enum err result = rebuild(e, why);
 
-    if (result || e->sun_azimuth <= 0.0 || !sky_find_sun(e, &sun))
+    e->sunless = !result && e->sun_azimuth > 0.0 && !sky_find_sun(e, &sun);
+    if (result || e->sun_azimuth <= 0.0 || e->sunless)
         return result;
     e->rotation = remainder(e->rotation + (sun.azimuth - e->sun_azimuth) * PI / 180.0, 2.0 * PI);
     return rebuild(e, why);
@@ -481,7 +483,9 @@ void environment_report(const struct environment *e, unsigned *said)
     if (stretched && !(*said & SAID_STRETCHED))
         log_warning("%s: %ux%u is not 2:1, the aspect ratio of a lat-long image: it is stretched", e->name, im->width,
                     im->height);
-    *said |= stretched ? SAID_STRETCHED : 0;
+    if (e->sunless && !(*said & SAID_SUNLESS))
+        log_warning("%s: no sun is found in it for --sun-azimuth to turn: --rotate DEGREES turns any map", e->name);
+    *said |= (stretched ? SAID_STRETCHED : 0) | (e->sunless ? SAID_SUNLESS : 0);
     image_report(im, e->name, said);
 }
 

@@ -32,6 +32,7 @@ struct environment {
     double configured;  /* radians: the rotation without what frame and sun add */
     double rotation;    /* radians about +Y, right-handed */
     double sun_azimuth; /* as environment_desc.sun_azimuth */
+    bool sunless;       /* it is set, and the last frame has no sun */
     float gain;         /* 2^scale_stops */
     struct resampler *resampler;
     struct resample_tables *tables;
@@ -71,9 +72,9 @@ struct environment_desc {
                         environment_complete */
     const struct image_decoder *decoder; /* decodes the files of frames; borrowed; NULL: decode_image */
     uint32_t max_side;                   /* maximum side of a frame's image, texels; 0: IMAGE_MAX_SIDE */
-    struct resample_tables *tables; /* shared resampling tables (resample.h), which must outlive the environment;
-                                       NULL: it creates its own */
-    const struct environment *like; /* of the same n: copies what depends on n alone, which saves time; or NULL */
+    struct resample_tables *tables;      /* shared resampling tables (resample.h), which must outlive the environment;
+                                            NULL: it creates its own */
+    const struct environment *like;      /* of the same n: copies what depends on n alone, which saves time; or NULL */
 };
 
 /* NULL: out of memory, or n out of range. The caller owns the result. */
