@@ -26,7 +26,8 @@ struct frame {
     double units;       /* of the texels per W sr^-1 m^-2; 0: unknown, so that they are relative to each other alone */
     char name[256];     /* for messages: a file's path or a description of the sky */
     double turn;        /* degrees about +Y, in addition to the rotation of what takes it */
-    double stops;       /* by which the exposure of a captured sky was corrected (sky/between) */
+    bool placed;        /* made here: `layout` is what the texels have, whatever layout is asked for */
+    float gain[3];      /* by which a captured sky's channels were multiplied to steady them (sky/between); 0: none */
     bool sun_restored;  /* its clipped sun was given its energy back */
     char layout[16];    /* a layout's name, as layout_parse reads it; "": the file's own, and lat-long for texels */
 

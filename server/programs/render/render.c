@@ -57,6 +57,12 @@ static enum err open_source(struct render *r, struct reason *why)
         one.frames.given = true;
         e = source_open(&one, &r->source, why);
     }
+    const enum source_kind kind = e ? SOURCE_FILES : source_kind(r->source);
+    if ((kind == SOURCE_WATCH || kind == SOURCE_LIVE) && between_is_used(&one.between))
+        return err_say(why, ERR_USAGE,
+                       "%s: --hold, --deflicker, --sun and --align are for files, videos and computed skies here, and "
+                       "for relightd",
+                       one.spec);
     return e;
 }
 

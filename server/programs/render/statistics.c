@@ -141,6 +141,13 @@ static json_t *changes_stats(const struct changes *c)
                      "computed", "sky", (json_int_t)c->sky, "bright", (json_int_t)c->sun);
 }
 
+/* What was done to a captured sky. */
+static json_t *corrections_of(const struct frame *f)
+{
+    return json_pack("{s:[f, f, f], s:b, s:f}", "gain", (double)f->gain[0], (double)f->gain[1], (double)f->gain[2],
+                     "sun_restored", f->sun_restored, "turn", f->turn);
+}
+
 char *render_stats_text(struct render *r, const struct relight_stats *s, const struct pilot_stats *pilot,
                         const double ms[3])
 {
@@ -158,9 +165,7 @@ char *render_stats_text(struct render *r, const struct relight_stats *s, const s
         json_object_update(j, more);
         json_object_set_new(j, "unit", json_string(environment_unit(r->environment)));
         if (between_corrects(&r->desc.setup.source_desc.between))
-            json_object_set_new(j, "corrected",
-                                json_pack("{s:f, s:b, s:f}", "exposure_stops", r->frame.stops, "sun_restored",
-                                          r->frame.sun_restored, "turn", r->frame.turn));
+            json_object_set_new(j, "corrected", corrections_of(&r->frame));
         if (!method_is_reference(light->direct.method))
             json_object_set_new(j, "plan", plan_stats(s));
         json_object_set_new(j, "changes", changes_stats(&r->changes));

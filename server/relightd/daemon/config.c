@@ -336,6 +336,8 @@ static void report_ignored(struct command *c, const struct daemon_config *d)
             log_warning("--%s has no effect: %s", rows[k].flag, rows[k].why);
     if (command_given(c, "converge-passes") && !(d->converge.error > 0.0))
         log_warning("--converge-passes has no effect: --converge is off");
+    if (command_given(c, "between-delay") && !setup_waits_for_skies(&d->setup))
+        log_warning("--between-delay has no effect: the source is a sequence, of which images are exact");
 }
 
 enum err daemon_config_read(struct daemon_config *c, struct config_readings *r, int argc, char **argv, bool *done,

@@ -68,8 +68,9 @@ struct glide;
 
 /* *out NULL: --between off. ERR_NOMEM. */
 MUST_CHECK enum err glide_create(const struct daemon_config *c, struct glide **out);
-void glide_destroy(struct glide *g); /* NULL is allowed */
-void glide_forget(struct glide *g);  /* what comes next follows nothing; NULL is allowed */
+void glide_destroy(struct glide *g);        /* NULL is allowed */
+void glide_forget(struct ingest_thread *t); /* what comes next follows nothing; there may be no glide */
+void glide_end(struct ingest_thread *t);    /* likewise, but images go on to the last sky; there may be no glide */
 
 /* Notes a sky that arrived; *shown: what its image shows, f itself or a sky made of it. Errors as those of
  * between_take: the sky cannot be used. */

@@ -32,6 +32,7 @@ struct glide {
     double begun_s, lasts_s;     /* by the clock: from when on, for how long */
     double due_s;                /* the next image */
     bool active;
+    bool ended;      /* the next sky follows nothing */
     bool said_times; /* that capture times do not go on */
 };
 
@@ -62,14 +63,24 @@ void glide_destroy(struct glide *g)
     mem_free(g);
 }
 
-void glide_forget(struct glide *g)
+void glide_forget(struct ingest_thread *t)
 {
-    if (!g)
+    struct glide *g = t->glide;
+
+    if (!g || (g->count == 0 && between_count(g->between) == 0))
         return;
     between_forget(g->between);
     g->count = 0;
-    g->active = false;
+    g->active = g->ended = false;
     g->arrived_s = 0.0;
+    g->capture_us = 0;
+    status_between(&t->shared->status, "", 0.0);
+}
+
+void glide_end(struct ingest_thread *t)
+{
+    if (t->glide)
+        t->glide->ended = true;
 }
 
 /* The middle one of the last intervals: one late sky does not change the pace. */
@@ -80,11 +91,17 @@ static double usual_interval(const struct glide *g)
     return fmax(fmin(a, b), fmin(fmax(a, b), c));
 }
 
+/* Skies at least so far apart (s) are slow. */
+static double slow_s(double fps)
+{
+    return fmax(SLOW, SLOW_IMAGES / fps);
+}
+
 /* Notes that a sky arrived. Returns whether skies come so slowly that images belong between them. */
 static bool is_slow(struct glide *g, double fps)
 {
     const double now = clock_seconds(), interval = now - g->arrived_s;
-    const bool slow = g->arrived_s > 0.0 && interval >= fmax(SLOW, SLOW_IMAGES / fps) && interval <= LONGEST;
+    const bool slow = g->arrived_s > 0.0 && interval >= slow_s(fps) && interval <= LONGEST;
 
     memmove(g->intervals + 1, g->intervals, (INTERVALS - 1) * sizeof(*g->intervals));
     g->intervals[0] = interval;
@@ -116,11 +133,12 @@ static double delay_of(const struct ingest_thread *t)
 {
     const double asked = t->shared->config.between_delay;
 
-    return asked >= 0.0 ? asked : usual_interval(t->glide);
+    /* The window has no more skies to be between. */
+    return asked >= 0.0 ? fmin(asked, (SUN_MARKS - 2) * usual_interval(t->glide)) : usual_interval(t->glide);
 }
 
 /* Images begin to glide, or stop doing so. */
-static void set_active(struct ingest_thread *t, bool active)
+static void set_active(struct ingest_thread *t, bool active, double fps)
 {
     struct glide *g = t->glide;
     const bool moves = t->shared->config.setup.source_desc.between.mode == BETWEEN_MOTION;
@@ -130,7 +148,8 @@ static void set_active(struct ingest_thread *t, bool active)
             "skies come every %.3g s: images between them %s, %.3g s behind (--between off shows each as it comes)",
             usual_interval(g), moves ? "move" : "fade", delay_of(t));
     else if (!active && g->active)
-        log_info("skies come more often than twice a second, or after a long pause: each is shown as it comes");
+        log_info("skies come more often than every %.2g s, or after a long pause: each is shown as it comes",
+                 slow_s(fps));
     g->active = active;
 }
 
@@ -153,12 +172,15 @@ enum err glide_take(struct ingest_thread *t, const struct frame *f, const struct
     *shown = f;
     if (!g)
         return ERR_OK;
-    const double fps = settings_now(&t->shared->settings).fps;
+    const double fps = settings_now(&t->shared->settings).fps, arrived_s = g->arrived_s;
+    if (g->ended || (arrived_s > 0.0 && clock_seconds() - arrived_s > LONGEST))
+        glide_forget(t);
+    g->ended = false;
     const bool slow = is_slow(g, fps) && desc->mode != BETWEEN_OFF, was_active = g->active;
-    set_active(t, slow);
+    set_active(t, slow, fps);
     const double seconds = seconds_of(g, f);
-    g->capture_us = f->capture_us;
     if (!slow && !between_corrects(desc)) {
+        g->capture_us = f->capture_us;
         if (was_active)
             between_forget(g->between);
         if (was_active)
@@ -166,8 +188,11 @@ enum err glide_take(struct ingest_thread *t, const struct frame *f, const struct
         return ERR_OK;
     }
     const enum err e = between_take(g->between, f, seconds, t->decoder ? &decoder : NULL, why);
-    if (e)
+    if (e) { /* as if it had not come */
+        g->arrived_s = arrived_s;
         return e;
+    }
+    g->capture_us = f->capture_us;
     const uint32_t count = between_count(g->between);
     g->lasts_s = slow && count > 1 ? delay_of(t) : 0.0;
     g->begun_s = clock_seconds();

@@ -9,6 +9,8 @@ static enum server_source report_idle(struct ingest_thread *t, enum server_sourc
     struct server_demand demand;
 
     server_demand(t->shared->server, &demand);
+    if (!demand.producer || demand.ended)
+        glide_end(t);
     if (reported != SERVER_LIVE || (demand.producer && !demand.ended))
         return reported;
     if (demand.ended)
@@ -44,7 +46,7 @@ static enum server_source take(struct ingest_thread *t, const struct frame *f, c
 
     *shown = f;
     if (ticket->lockstep)
-        glide_forget(t->glide);
+        glide_forget(t);
     else
         e = glide_take(t, f, shown, why);
     if (e || ingest_frame(t, *shown, ticket, why)) {

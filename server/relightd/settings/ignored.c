@@ -95,6 +95,12 @@ static const char *without_file(const struct setup *s)
     return setup_computes_sky(s) ? "the source is computed, no map from a file" : NULL;
 }
 
+static const char *without_sequence(const struct setup *s)
+{
+    return setup_waits_for_skies(s) ? "it is for sequences; images between skies that come by themselves do so, too"
+                                    : NULL;
+}
+
 static const char *without_turn(const struct setup *s)
 {
     return s->environment.sun_azimuth > 0.0 ? "--sun-azimuth turns each map" : NULL;
@@ -124,32 +130,15 @@ static const struct {
     const char *flag;
     ignored_by *why;
 } rows[] = {
-    { "indirect", without_indirect },
-    { "caustics", without_caustics },
-    { "eye-paths", without_paths },
-    { "particles", without_tracer },
-    { "start", without_tracer },
-    { "stored-paths", without_store },
-    { "renew", without_store },
-    { "cache-file", without_cache },
-    { "cache-dir", without_folder },
-    { "cache-memory", without_memory },
-    { "cache-wait", without_cache },
-    { "allow-bias", without_auto },
-    { "cells", without_strata },
-    { "compensate", without_lobes },
-    { "tune sun", without_strata },
-    { "lamp-samples", without_lamps },
-    { "time", without_models },
-    { "parts", without_components },
-    { "paths", without_whole_light },
-    { "samples", without_whole_light },
-    { "no-visibility", without_shadow_rays },
-    { "layer", without_file },
-    { "rotate", without_turn },
-    { "rotate-speed", without_turn },
-    { "source-transfer", without_video },
-    { "source-peak", without_video },
+    { "indirect", without_indirect },   { "caustics", without_caustics },     { "eye-paths", without_paths },
+    { "particles", without_tracer },    { "start", without_tracer },          { "stored-paths", without_store },
+    { "renew", without_store },         { "cache-file", without_cache },      { "cache-dir", without_folder },
+    { "cache-memory", without_memory }, { "cache-wait", without_cache },      { "allow-bias", without_auto },
+    { "cells", without_strata },        { "compensate", without_lobes },      { "tune sun", without_strata },
+    { "lamp-samples", without_lamps },  { "time", without_models },           { "parts", without_components },
+    { "paths", without_whole_light },   { "samples", without_whole_light },   { "no-visibility", without_shadow_rays },
+    { "layer", without_file },          { "hold", without_sequence },         { "rotate", without_turn },
+    { "rotate-speed", without_turn },   { "source-transfer", without_video }, { "source-peak", without_video },
     { "source-ca", without_video },
 };
 

@@ -73,6 +73,7 @@ extern const struct setting settings_table[];
 
 /* Whether the source is a formula's, which are lat-long maps, and not one of images. */
 bool setup_computes_sky(const struct setup *s);
+bool setup_waits_for_skies(const struct setup *s); /* they come by themselves: no sequence, by its name */
 
 /* Warns of each flag that was given and has no effect beside the others. Once, when the program starts. */
 void setup_report_ignored(struct command *c, const struct setup *s);

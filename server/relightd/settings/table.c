@@ -227,14 +227,26 @@ const struct setting settings_table[] = {
     { .name = NULL },
 };
 
-bool setup_computes_sky(const struct setup *s)
+static bool begins_with_any(const char *text, const char *const *words)
 {
-    static const char *const computed[] = { "sky:", "epw:", "cie:", "mtx:" };
-
-    for (size_t k = 0; k < sizeof(computed) / sizeof(computed[0]); k++)
-        if (strncmp(s->source_desc.spec, computed[k], 4) == 0)
+    for (; *words; words++)
+        if (strncmp(text, *words, strlen(*words)) == 0)
             return true;
     return false;
+}
+
+bool setup_computes_sky(const struct setup *s)
+{
+    static const char *const computed[] = { "sky:", "epw:", "cie:", "mtx:", NULL };
+
+    return begins_with_any(s->source_desc.spec, computed);
+}
+
+bool setup_waits_for_skies(const struct setup *s)
+{
+    static const char *const live[] = { "push:", "watch:", "v4l2:", "rtsp", "rtmp", "srt:", NULL };
+
+    return begins_with_any(s->source_desc.spec, live);
 }
 
 /* --place, which --align needs. */

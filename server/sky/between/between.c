@@ -6,11 +6,11 @@
 #include "sky/between/align.h"
 #include "sky/between/deflicker.h"
 #include "sky/between/drift.h"
+#include "sky/between/latlong.h"
 #include "sky/between/restore.h"
 #include "sky/between/taken.h"
 #include "sky/between/texel.h"
 #include "sky/tables/environment.h"
-#include "sky/tables/layout.h"
 
 #include <assert.h>
 #include <math.h>
@@ -21,7 +21,9 @@
  * SECOND: a second sun with this share of the first's light is named. */
 #define FAR (20.0 * PI / 180.0)
 #define SECOND 0.25
-#define PAIRS 32 /* suns by which skies are aligned */
+#define CLOSE 0.25 /* of the interval: a mark so close to one of its ends would turn its error into a wide curve */
+#define PAIRS 32   /* suns by which skies are aligned, */
+#define APART (0.5 * PI / 180.0) /* so far from each other at least */
 
 const struct setting_choice between_choices[] = {
     { "off", BETWEEN_OFF, "each sky is shown until the next one", 0 },
@@ -51,6 +53,7 @@ struct sky {
     struct sun_patch sun; /* owned */
     struct frame about;   /* number, time, units, turn, corrections, name; no texels */
     uint64_t serial;      /* counts the skies that were taken */
+    enum align_kind kind; /* of the alignment by which it was turned */
     bool turned;          /* by the alignment: its sun's texels are no longer where they were */
 };
 
@@ -74,7 +77,15 @@ struct between {
     unsigned said, said_decoding;
 };
 
-enum { SAID_SIZE = 1, SAID_SECOND = 2, SAID_JUMP = 4, SAID_STILL = 8, SAID_SUN = 16, SAID_TIME = 32 };
+enum {
+    SAID_SIZE = 1,
+    SAID_SECOND = 2,
+    SAID_JUMP = 4,
+    SAID_STILL = 8,
+    SAID_TIME = 16,
+    SAID_UNITS = 32,
+    SAID_SUN = 64 /* and a bit for each kind of result */
+};
 
 static void say(struct between *b, unsigned what, const struct sky *s, const char *text)
 {
@@ -130,6 +141,10 @@ void between_forget(struct between *b)
     b->count = 0;
     b->drift_of = 0;
     b->deflicker = (struct deflicker){ .count = 0 };
+    if (!b->learnt) {
+        b->pair_count = 0;
+        b->alignment = (struct alignment){ .kind = ALIGN_NONE };
+    }
 }
 
 uint32_t between_count(const struct between *b)
@@ -149,46 +164,6 @@ static bool has_others(const struct sky *s)
 }
 
 /* ---- Taking skies ---- */
-
-/* The reader's image as lat-long texels; another layout is looked up, as the background is. */
-static void copy_texels(struct between *b, bool latlong, struct sky *s)
-{
-    const struct environment *e = b->reader;
-
-    if (latlong) {
-        memcpy(s->rest, e->image.rgb, 3 * (size_t)s->width * s->height * sizeof(float));
-        return;
-    }
-#pragma omp parallel for schedule(static)
-    for (uint32_t y = 0; y < s->height; y++)
-        for (uint32_t x = 0; x < s->width; x++) {
-            double w[3];
-            texel_direction(s->width, s->height, x + 0.5, y + 0.5, w);
-            environment_lookup(e, (struct vec3){ (float)w[0], (float)w[1], (float)w[2] },
-                               s->rest + 3 * ((size_t)y * s->width + x));
-        }
-}
-
-/* The size of the lat-long image: the image's own, or one with as many texels. */
-static enum err set_size(struct between *b, struct sky *s, bool *latlong, struct reason *why)
-{
-    struct environment *e = b->reader;
-    const struct image *im = &e->image;
-    enum layout layout = e->layout != LAYOUT_AUTO ? e->layout : im->layout;
-    const enum err result = layout == LAYOUT_AUTO ? layout_guess(im->width, im->height, e->name, &layout, why)
-                                                  : layout_fits(layout, im->width, im->height, e->name, why);
-
-    if (result)
-        return result;
-    *latlong = layout == LAYOUT_LATLONG;
-    s->width = im->width;
-    s->height = im->height;
-    if (*latlong)
-        return ERR_OK;
-    s->height = (uint32_t)(2.0 * ceil(0.5 * sqrt(0.5 * im->width * im->height)));
-    s->width = 2 * s->height;
-    return environment_rebuild(e, why);
-}
 
 static enum err reserve(struct sky *s)
 {
@@ -216,18 +191,23 @@ static struct sky *next_place(struct between *b)
 
 static void describe(struct sky *s, const struct frame *f)
 {
-    s->about = (struct frame){ .number = f->number, .capture_us = f->capture_us, .units = f->units, .turn = f->turn };
+    s->about = (struct frame){ .number = f->number,
+                               .capture_us = f->capture_us,
+                               .units = f->units,
+                               .turn = f->turn,
+                               .gain = { 1.0f, 1.0f, 1.0f } };
     memcpy(s->about.name, f->name, sizeof(s->about.name));
 }
 
-/* When it was taken: by its sender, the file, which counts from the start of the exposure, or its name; microseconds,
- * 0: nobody says. */
+/* When it was taken: by its name, by the file, which counts from the start of the exposure, or by its sender;
+ * microseconds, 0: nobody says. */
 static int64_t taken_us(const struct between *b, const struct frame *f)
 {
     const struct image *im = &b->reader->image;
-    const int64_t own = im->taken_us ? im->taken_us + llround(0.5e6 * im->exposure_s) : 0;
+    const int64_t own = im->taken_us ? im->taken_us + llround(0.5e6 * im->exposure_s) : 0,
+                  name = taken_from_name(f->name);
 
-    return f->capture_us ? f->capture_us : own ? own : taken_from_name(f->name);
+    return name ? name : own ? own : f->capture_us;
 }
 
 /* Multiplies by what makes the exposure steady. The window's seconds may only count the frames of a sequence. */
@@ -242,22 +222,28 @@ static void steady(struct between *b, const struct frame *f, struct sky *s)
         later = 1e-6 * (double)(us - last_us);
     b->steadied_us = us;
     deflicker_take(&b->deflicker, s->rest, s->width, s->height, later, &r);
-    s->about.stops = (double)r.stops;
+    memcpy(s->about.gain, r.gain, sizeof(r.gain));
     if (r.jumped)
-        log_info("%s: the exposure jumped; it is undone, %+.2f stops from here on", s->about.name, s->about.stops);
+        log_info("%s: the exposure jumped; it is undone, %+.2f stops from here on", s->about.name, (double)r.stops);
     for (size_t k = 0; k < 3 * (size_t)s->width * s->height; k++)
         s->rest[k] *= r.gain[k % 3];
 }
 
 static enum err give_sun(struct between *b, struct sky *s, struct reason *why)
 {
-    const struct restore_desc desc = { .lux = fmax(b->desc.sun, 0.0), .units = s->about.units };
+    const bool measured = b->desc.sun > 0.0;
+    const struct restore_desc desc = { .lux = fmax(b->desc.sun, 0.0),
+                                       .units = s->about.units > 0.0 ? s->about.units
+                                                : measured           ? 1.0
+                                                                     : 0.0 };
     struct restored r;
     const enum err e = restore_sun(s->rest, s->width, s->height, &desc, &r, why);
 
+    if (measured && !(s->about.units > 0.0))
+        say(b, SAID_UNITS, s, "it is taken to be in W sr^-1 m^-2, so that --sun LUX can be compared with it");
     s->about.sun_restored = !e && r.kind == RESTORE_ADDED;
     if (!e && r.note[0])
-        say(b, SAID_SUN, s, r.note);
+        say(b, SAID_SUN << r.kind, s, r.note);
     return e;
 }
 
@@ -265,9 +251,14 @@ static enum err give_sun(struct between *b, struct sky *s, struct reason *why)
 static void note_sun(struct between *b, const double seen[3], int64_t us)
 {
     struct sun_pair *p = &b->pairs[b->pair_count % PAIRS];
+    const struct sun_pair *last = b->pair_count ? &b->pairs[(b->pair_count - 1) % PAIRS] : NULL;
+    double known[3];
 
+    align_sun(b->desc.place[0], b->desc.place[1], us, known);
+    if (last && angle_between(known, last->known) < APART) /* the last ones are to span a good part of its arc */
+        return;
     memcpy(p->seen, seen, sizeof(p->seen));
-    align_sun(b->desc.place[0], b->desc.place[1], us, p->known);
+    memcpy(p->known, known, sizeof(known));
     b->pair_count++;
     const enum align_kind before = b->alignment.kind;
     align_fit(b->pairs, b->pair_count < PAIRS ? b->pair_count : PAIRS, &b->alignment);
@@ -302,6 +293,7 @@ static enum err align(struct between *b, struct sky *s)
     double w[3];
 
     s->turned = false;
+    s->kind = a->kind;
     if (a->kind == ALIGN_AZIMUTH)
         s->about.turn += atan2(a->r[0][2], a->r[0][0]) * 180.0 / PI;
     if (a->kind != ALIGN_ROTATION)
@@ -329,7 +321,7 @@ static enum err align(struct between *b, struct sky *s)
 
 /* Decodes f into s->rest; sets its size, but checks nothing against the window. */
 static enum err read_sky(struct between *b, const struct frame *f, const struct image_decoder *decoder, struct sky *s,
-                         bool *latlong, struct reason *why)
+                         enum layout *layout, struct reason *why)
 {
     struct environment *e = b->reader;
 
@@ -337,7 +329,7 @@ static enum err read_sky(struct between *b, const struct frame *f, const struct 
     const enum err result = environment_decode(e, f, why);
     e->decoder = NULL;
     e->rotation = 0.0; /* what turns the map turns the result */
-    return result ? result : set_size(b, s, latlong, why);
+    return result ? result : latlong_size(e, layout, &s->width, &s->height, why);
 }
 
 /* What the camera did is undone, and the sun is taken out. */
@@ -359,13 +351,24 @@ static enum err prepare(struct between *b, const struct frame *f, struct sky *s,
     return e ? err_say(why, e, "%s: out of memory", f->name) : ERR_OK;
 }
 
+/* Skies that were turned otherwise than the one after them have no images between them and it. */
+static struct sky *begin_anew(struct between *b)
+{
+    const struct sky last = b->skies[b->count];
+
+    b->skies[b->count] = b->skies[0];
+    b->skies[0] = last;
+    b->count = 0;
+    return &b->skies[0];
+}
+
 enum err between_take(struct between *b, const struct frame *f, double seconds, const struct image_decoder *decoder,
                       struct reason *why)
 {
     struct sky size = { .width = 0 };
-    bool latlong = false;
+    enum layout layout = LAYOUT_AUTO;
 
-    enum err result = read_sky(b, f, decoder, &size, &latlong, why);
+    enum err result = read_sky(b, f, decoder, &size, &layout, why);
     if (result)
         return result;
     environment_report(b->reader, &b->said_decoding);
@@ -374,12 +377,14 @@ enum err between_take(struct between *b, const struct frame *f, double seconds, 
     s->height = size.height;
     if (reserve(s))
         return err_say(why, ERR_NOMEM, "%s: out of memory", f->name);
-    copy_texels(b, latlong, s);
+    latlong_copy(b->reader, layout, s->width, s->height, s->rest);
     s->seconds = seconds;
     describe(s, f);
     result = prepare(b, f, s, why);
     if (result)
         return result;
+    if (b->desc.align && b->count > 0 && b->skies[b->count - 1].kind != s->kind)
+        s = begin_anew(b);
     if (has_others(s) && b->desc.mode != BETWEEN_OFF)
         say(b, SAID_SECOND, s, "there is more than one sun: the brightest moves, the others fade");
     s->serial = ++b->serial;
@@ -390,15 +395,15 @@ enum err between_take(struct between *b, const struct frame *f, double seconds, 
 enum err between_learn(struct between *b, const struct frame *f, struct reason *why)
 {
     struct sky s = { .width = 0 };
-    bool latlong = false;
+    enum layout layout = LAYOUT_AUTO;
 
-    enum err e = read_sky(b, f, NULL, &s, &latlong, why);
+    enum err e = read_sky(b, f, NULL, &s, &layout, why);
     if (e)
         return e;
     describe(&s, f);
     e = reserve(&s);
     if (!e)
-        copy_texels(b, latlong, &s);
+        latlong_copy(b->reader, layout, s.width, s.height, s.rest);
     b->learning = true;
     if (!e)
         e = look_for_sun(b, f, &s);
@@ -409,9 +414,8 @@ enum err between_learn(struct between *b, const struct frame *f, struct reason *
 
 void between_settle(struct between *b)
 {
-    b->learnt = b->pair_count > 0;
-    if (b->learnt)
-        log_info("%s", b->alignment.note);
+    b->learnt = true;
+    log_info("%s", b->pair_count > 0 ? b->alignment.note : "north: no sun was found by which skies could be turned");
 }
 
 /* ---- Showing skies ---- */
@@ -426,12 +430,15 @@ static bool same_sun(const struct sky *a, const struct sky *b)
  * same there: no more, so that an image is the same whatever else the window has. */
 static uint32_t collect_marks(const struct between *b, uint32_t from, uint32_t to, struct sun_mark *marks)
 {
+    const double least = CLOSE * (b->skies[to].seconds - b->skies[from].seconds);
+    const bool before = from > 0 && same_sun(&b->skies[from - 1], &b->skies[from]) &&
+                        b->skies[from].seconds - b->skies[from - 1].seconds >= least;
+    const bool after = to + 1 < b->count && same_sun(&b->skies[to], &b->skies[to + 1]) &&
+                       b->skies[to + 1].seconds - b->skies[to].seconds >= least;
     uint32_t count = 0;
 
-    if (from > 0 && same_sun(&b->skies[from - 1], &b->skies[from]))
-        from--;
-    if (to + 1 < b->count && same_sun(&b->skies[to], &b->skies[to + 1]))
-        to++;
+    from -= before;
+    to += after;
     for (uint32_t k = from; k <= to; k++) {
         const struct sky *s = &b->skies[k];
         if (s->sun.found)
@@ -525,9 +532,11 @@ static void set_about(const struct between *b, uint32_t k, double t, struct fram
     out->capture_us = next->capture_us ? f->capture_us + llround(later) : 0;
     out->units = f->units;
     out->turn = f->turn + turn;
-    out->stops = f->stops + t * (next->stops - f->stops);
+    for (int c = 0; c < 3; c++)
+        out->gain[c] = f->gain[c] + (float)t * (next->gain[c] - f->gain[c]);
     out->sun_restored = f->sun_restored || next->sun_restored;
     snprintf(out->layout, sizeof(out->layout), "latlong");
+    out->placed = true;
     memcpy(out->name, f->name, sizeof(out->name));
 }
 
@@ -571,7 +580,8 @@ enum err between_show(struct between *b, double seconds, struct frame *out)
 const char *between_state(const struct between *b, bool moving, char *out, size_t size)
 {
     const struct alignment *a = &b->alignment;
-    const struct frame *last = b->count > 0 ? &b->skies[b->count - 1].about : &(struct frame){ .stops = 0.0 };
+    const struct frame *last =
+        b->count > 0 ? &b->skies[b->count - 1].about : &(struct frame){ .gain = { 1.0f, 1.0f, 1.0f } };
     const bool moves = b->desc.mode == BETWEEN_MOTION && b->drift_of && b->drift.moves;
     size_t used = (size_t)snprintf(out, size, "%s",
                                    !moving ? "each sky is shown until the next"
@@ -579,7 +589,7 @@ const char *between_state(const struct between *b, bool moving, char *out, size_
                                            : "the sun moves, the rest fades");
 
     if (b->desc.deflicker && used < size)
-        used += (size_t)snprintf(out + used, size - used, "; exposure %+.2f stops", last->stops);
+        used += (size_t)snprintf(out + used, size - used, "; exposure %+.2f stops", log2((double)last->gain[1]));
     if (last->sun_restored && used < size)
         used += (size_t)snprintf(out + used, size - used, "; a clipped sun was restored");
     if (a->kind != ALIGN_NONE && used < size)

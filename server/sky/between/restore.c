@@ -177,7 +177,8 @@ static enum err fit_sky(const struct spot_area *a, const double w[3], double uni
 #define WHOLE 0.25     /* of the energy that the sky calls for: a sun with more did not clip */
 #define WHOLE_HALF 0.6 /* the same for a spot at the largest half float, where suns do clip */
 #define HALF_MOST 65504.0f
-#define LOW 2.0 /* degrees: the light of a lower sun is a matter of haze, and at the horizon are lamps */
+#define MOST_OVER_REST 30.0 /* a clear sky's sun has a tenth of that: other units */
+#define LOW 2.0             /* degrees: the light of a lower sun is a matter of haze, and at the horizon are lamps */
 
 /* Horizontal, luminance: of the upper hemisphere, or of what lies within `reach` of a direction. */
 static double irradiance(const struct spot_area *a, const double *around, double reach)
@@ -215,13 +216,13 @@ static double missing(const struct spot_area *a, const struct restore_desc *desc
 
     if (desc->lux > 0.0) {
         const double have = out->rest * LUMINOUS_EFFICACY / desc->units;
-        out->kind = desc->lux > have ? RESTORE_ADDED : RESTORE_DOUBT;
+        out->kind = desc->lux > have && desc->lux < MOST_OVER_REST * have ? RESTORE_ADDED : RESTORE_DOUBT;
         if (out->kind == RESTORE_DOUBT)
-            snprintf(
-                out->note, sizeof(out->note),
-                "the sun at %.0f degrees elevation was clipped, but the rest of the sky alone has %.4g lx, not %.4g"
-                " lx: nothing was added",
-                elevation, have, desc->lux);
+            snprintf(out->note, sizeof(out->note),
+                     "the sun at %.0f degrees elevation was clipped, but the rest of the sky alone has %.4g lx, which "
+                     "%s %.4g"
+                     " lx: nothing was added",
+                     elevation, have, desc->lux > have ? "is far too little for" : "is more than", desc->lux);
         return fmax(0.0, desc->lux / LUMINOUS_EFFICACY * desc->units - out->rest);
     }
     if (out->agreement < AGREE || elevation < LOW) {

@@ -30,7 +30,8 @@ struct view {
  * some per cent. The mean itself, too. ERR_NOMEM. */
 static enum err find_level(const struct view *v, double *level, double *mean)
 {
-    const uint32_t step = v->width > LOOKS ? v->width / LOOKS : 1, columns = v->width / step, rows = v->height / step;
+    const uint32_t wide = v->width > LOOKS ? v->width / LOOKS : 1, step = wide < v->height ? wide : v->height,
+                   columns = v->width / step, rows = v->height / step;
     float *looks = mem_alloc((size_t)columns * rows, sizeof(*looks));
     float most = INFINITY;
 

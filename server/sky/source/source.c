@@ -437,7 +437,7 @@ static bool seek_video(struct source *s, uint64_t picture)
 
     if (!(us < 1e15))
         return false;
-    if (footage_seek(s->footage, picture > 0 ? (int64_t)us : 0, &why) && footage_restart(s->footage, &why)) {
+    if ((picture == 0 || footage_seek(s->footage, (int64_t)us, &why)) && footage_restart(s->footage, &why)) {
         log_warning("%s", why.text);
         s->video_ended = true;
         return false;
@@ -501,7 +501,8 @@ bool source_set_hour(struct source *s, double hour)
     if (s->kind != SOURCE_SKY)
         return false;
     const double midnight = 24.0 * floor(sky_hours(s) / 24.0);
-    s->sky.hour = midnight + hour - s->sky.speed_hours * (double)(s->held ? s->position : s->sky_frame);
+    const uint64_t first = s->frames.given ? s->frames.first : 0;
+    s->sky.hour = midnight + hour - s->sky.speed_hours * (double)(s->held ? s->position + first : s->sky_frame);
     s->sky_ended = false;
     held_restart(s);
     return true;
@@ -509,7 +510,7 @@ bool source_set_hour(struct source *s, double hour)
 
 const struct sky_desc *source_sky(const struct source *s)
 {
-    return s->kind == SOURCE_SKY ? &s->sky : NULL;
+    return s->kind != SOURCE_SKY ? NULL : s->held ? held_sky(s) : &s->sky;
 }
 
 enum err source_first(const struct source_desc *desc, struct frame *f, struct reason *why)

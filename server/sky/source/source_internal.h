@@ -12,7 +12,7 @@ struct source {
     enum source_kind kind;
     struct setting_frames frames;
     bool loop;
-    int wait_ms; /* at most, for what comes by itself */
+    int wait_ms;            /* at most, for what comes by itself */
     bool repeats;           /* SOURCE_FILES: its one file is every frame of the range */
     struct file_list files; /* SOURCE_FILES: only files within the range */
     struct watch watch;     /* SOURCE_WATCH */
@@ -50,6 +50,8 @@ MUST_CHECK enum err held_next(struct source *s, struct frame *f, struct reason *
 uint64_t held_count(const struct source *s);
 uint64_t held_position(const struct source *s);
 bool held_seek(struct source *s, uint64_t position);
+
+const struct sky_desc *held_sky(const struct source *s); /* whose numbers are those of images */
 
 /* The frames at these positions are others from now on. */
 void held_restart(struct source *s);

@@ -225,6 +225,7 @@ enum err environment_decode(struct environment *e, const struct frame *f, struct
         return result;
     image_trim(&e->image);
     image_trim(&e->face);
+    e->placed = f->placed;
     e->rotation = e->configured + f->turn * PI / 180.0;
     e->units = f->units;
     e->number = f->number;
@@ -238,12 +239,12 @@ const char *environment_unit(const struct environment *e)
     return e->calibrated || fabs(e->units * (double)e->gain - 1.0) < 1e-6 ? "W sr^-1 m^-2" : "relative";
 }
 
-/* The user's choice, else the file's, else from the aspect ratio. */
+/* The user's choice, unless the texels were made here, else the file's, else from the aspect ratio. */
 static enum err choose_layout(const struct environment *e, enum layout *out, struct reason *why)
 {
     const uint32_t w = e->image.width, h = e->image.height;
 
-    *out = e->layout != LAYOUT_AUTO ? e->layout : e->image.layout;
+    *out = e->layout != LAYOUT_AUTO && !e->placed ? e->layout : e->image.layout;
     return *out == LAYOUT_AUTO ? layout_guess(w, h, e->name, out, why) : layout_fits(*out, w, h, e->name, why);
 }
 

@@ -31,6 +31,7 @@ struct environment {
     enum layout layout; /* of image */
     double configured;  /* radians: the rotation without what frame and sun add */
     double rotation;    /* radians about +Y, right-handed */
+    bool placed;        /* as frame.placed */
     double sun_azimuth; /* as environment_desc.sun_azimuth */
     bool sunless;       /* it is set, and the last frame has no sun */
     float gain;         /* 2^scale_stops */

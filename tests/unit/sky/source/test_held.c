@@ -1,6 +1,7 @@
 /* Several images from one frame to the next: numbers and places count images, and an image is the same in any order. */
 #include "support/unit.h"
 
+#include "sky/daylight/sky.h"
 #include "sky/source/folder.h"
 #include "sky/source/source.h"
 
@@ -140,13 +141,11 @@ static void times_that_stand_still_are_not_used(void **state)
     folder_remove(&folder);
 }
 
-/* It is named once, and images go across the gap. */
+/* It is named once, and images go across the gap; once it is mended, it is used. */
 static void a_damaged_frame_is_passed_over(void **state)
 {
     struct folder folder;
     struct frame f = { .kind = FRAME_NONE };
-    struct reason why = { "" };
-    int failed = 0, images = 0;
     (void)state;
 
     folder_make(&folder);
@@ -154,18 +153,101 @@ static void a_damaged_frame_is_passed_over(void **state)
     folder_put(&folder, "a.1.hdr", "no image");
     put_grey(&folder, "a.2.hdr", 192);
     struct source *s = opened(folder_path(&folder, "a.%d.hdr"), false, BETWEEN_FADE);
-    for (enum err e = ERR_OK; e != ERR_END; failed += e != ERR_OK && e != ERR_END) {
-        e = source_next(s, &f, &why);
-        if (e)
-            continue;
-        assert_true(fabsf(f.rgb[0] * 128.0f / (64.0f + 16.0f * (float)images) - 1.0f) < 2e-2f);
-        images++;
-    }
-    assert_int_equal(failed, 1);
-    assert_int_equal(images, 2 * HOLD + 1);
+    for (int k = 0; k <= 2 * HOLD; k++)
+        assert_true(fabsf(grey_of(s, &f) * 128.0f / (64.0f + 16.0f * (float)k) - 1.0f) < 2e-2f);
+    put_grey(&folder, "a.1.hdr", 100);
+    assert_true(source_seek(s, HOLD));
+    assert_true(fabsf(grey_of(s, &f) * 128.0f / 100.0f - 1.0f) < 1e-2f);
     frame_finish(&f);
     source_close(s);
     folder_remove(&folder);
+}
+
+static void without_a_readable_frame_there_is_an_error_for_each_image(void **state)
+{
+    struct folder folder;
+    struct frame f = { .kind = FRAME_NONE };
+    struct reason why = { "" };
+    int failed = 0;
+    (void)state;
+
+    folder_make(&folder);
+    folder_put(&folder, "a.0.hdr", "no image");
+    folder_put(&folder, "a.1.hdr", "no image");
+    struct source *s = opened(folder_path(&folder, "a.%d.hdr"), false, BETWEEN_FADE);
+    for (enum err e = source_next(s, &f, &why); e != ERR_END; e = source_next(s, &f, &why)) {
+        assert_int_equal(e, ERR_FORMAT);
+        failed++;
+    }
+    assert_int_equal(failed, HOLD + 1);
+    frame_finish(&f);
+    source_close(s);
+    folder_remove(&folder);
+}
+
+/* Numbers count images, so that a sky's hour goes on by a part of its speed. */
+static void the_hour_that_is_set_is_that_of_the_next_image(void **state)
+{
+    const struct source_desc desc = { .spec = "sky:hour=6,speed=1,size=64x32",
+                                      .frames = { true, 100, 400 },
+                                      .between = { .mode = BETWEEN_FADE, .hold = HOLD } };
+    struct source *s = NULL;
+    struct frame f = { .kind = FRAME_NONE };
+    struct reason why = { "" };
+    (void)state;
+
+    assert_int_equal(source_open(&desc, &s, &why), ERR_OK);
+    for (int k = 0; k < 3; k++)
+        (void)grey_of(s, &f);
+    assert_true(source_set_hour(s, 12.0));
+    for (int k = 0; k < 3; k++) {
+        (void)grey_of(s, &f);
+        const struct sky_desc *sky = source_sky(s);
+        const double hours = sky->hour + sky->speed_hours * (double)f.number;
+        assert_true(fabs(hours - 24.0 * floor(hours / 24.0) - 12.0 - k / 60.0 / HOLD) < 1e-9);
+    }
+    frame_finish(&f);
+    source_close(s);
+}
+
+static void a_turn_of_a_whole_round_goes_round(void **state)
+{
+    struct folder folder;
+    struct frame f = { .kind = FRAME_NONE };
+    struct source *s = NULL;
+    struct reason why = { "" };
+    (void)state;
+
+    folder_make(&folder);
+    put_grey(&folder, "a.hdr", 64);
+    const struct source_desc desc = { .spec = folder_path(&folder, "a.hdr"),
+                                      .frames = { true, 0, 2 },
+                                      .turn = 360.0,
+                                      .between = { .mode = BETWEEN_FADE, .hold = HOLD } };
+    assert_int_equal(source_open(&desc, &s, &why), ERR_OK);
+    for (int k = 0; k <= 2 * HOLD; k++) {
+        (void)grey_of(s, &f);
+        assert_true(fabs(f.turn - fmod(360.0 * k / HOLD, 360.0)) < 1e-9);
+    }
+    frame_finish(&f);
+    source_close(s);
+    folder_remove(&folder);
+}
+
+static void what_cannot_be_held_is_refused(void **state)
+{
+    struct source_desc desc = { .spec = "sky:",
+                                .frames = { true, FRAME_NUMBER_MAX - 1, FRAME_NUMBER_MAX },
+                                .between = { .mode = BETWEEN_FADE, .hold = HOLD } };
+    struct source *s = NULL;
+    struct reason why = { "" };
+    (void)state;
+
+    assert_int_equal(source_open(&desc, &s, &why), ERR_USAGE);
+    assert_non_null(strstr(why.text, "2^53 - 1"));
+    desc = (struct source_desc){ .spec = "sky:", .frames = { true, 0, 3 }, .between = { .align = BETWEEN_ALIGN_SUN } };
+    assert_int_equal(source_open(&desc, &s, &why), ERR_USAGE);
+    assert_non_null(strstr(why.text, "--align"));
 }
 
 static uint64_t digest_at(struct source *s, struct frame *f, uint64_t position)
@@ -232,6 +314,10 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(capture_times_in_names_make_images_even_in_time),
     cmocka_unit_test(times_that_stand_still_are_not_used),
     cmocka_unit_test(a_damaged_frame_is_passed_over),
+    cmocka_unit_test(without_a_readable_frame_there_is_an_error_for_each_image),
+    cmocka_unit_test(the_hour_that_is_set_is_that_of_the_next_image),
+    cmocka_unit_test(a_turn_of_a_whole_round_goes_round),
+    cmocka_unit_test(what_cannot_be_held_is_refused),
     cmocka_unit_test(an_image_is_the_same_in_any_order),
     cmocka_unit_test(what_loops_begins_again),
 };
