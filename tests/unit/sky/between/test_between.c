@@ -166,6 +166,65 @@ static void before_a_sky_of_another_size_the_last_one_stays(void **state)
     between_destroy(b);
 }
 
+/* Skies right before and after a long gap would turn the errors of their suns' places into a wide curve. */
+static void a_gap_between_two_pairs_is_crossed_straight(void **state)
+{
+    static const double seconds[4] = { 0.0, 15.0, 3615.0, 3630.0 };
+    struct between *b = made(BETWEEN_FADE);
+    double off;
+    (void)state;
+
+    for (int k = 0; k < 4; k++) /* a third of a texel wrong */
+        take_sunny(b, 100.0 + seconds[k] / 240.0 + (k % 3 ? 0.12 : 0.0), 1.0, seconds[k]);
+    (void)sun_of(show(b, 1815.0), 107.5, &off);
+    printf("%.2f degrees off\n", off);
+    assert_true(off < 1.0);
+    between_destroy(b);
+}
+
+/* Captured maps state no units: an illuminance is compared with them as W sr^-1 m^-2, and far too much is doubted. */
+static void an_illuminance_restores_the_sun_of_a_captured_sky(void **state)
+{
+    static const double lux[2] = { 5000.0, 85000.0 };
+    struct frame f = sky_constant(W, H, 0.5f); /* 281 lx */
+    double at[3];
+    (void)state;
+
+    towards(45.0 * DEGREES, 100.0 * DEGREES, at);
+    sun_put(f.rgb, W, H, at, 1.5 * DEGREES, (const double[3]){ 1.0, 1.0, 1.0 });
+    for (size_t t = 0; t < 3 * (size_t)W * H; t++)
+        f.rgb[t] = fminf(f.rgb[t], 2.0f);
+    for (int k = 0; k < 2; k++) {
+        struct between *b = NULL;
+        assert_int_equal(between_create(&(struct between_desc){ .sun = lux[k] }, &b), ERR_OK);
+        take(b, &f, 0.0);
+        assert_true(show(b, 0.0)->sun_restored == (k == 0));
+        between_destroy(b);
+    }
+    frame_finish(&f);
+}
+
+/* Of a sky that was turned by an alignment and one before it that was not, there are no images between. */
+static void skies_that_were_turned_otherwise_do_not_meet(void **state)
+{
+    struct between *b = NULL;
+    const struct between_desc desc = { .mode = BETWEEN_FADE, .align = BETWEEN_ALIGN_SUN, .place = { 45.0, 0.0 } };
+    struct frame dull = sky_constant(W, H, 0.5f), f = sunny(200.0, 1.0);
+    (void)state;
+
+    dull.capture_us = INT64_C(1718202605000000);
+    f.capture_us = dull.capture_us + 15000000;
+    assert_int_equal(between_create(&desc, &b), ERR_OK);
+    take(b, &dull, 0.0);
+    assert_int_equal(between_count(b), 1);
+    take(b, &f, 15.0);
+    assert_int_equal(between_count(b), 1);
+    assert_true(between_seconds(b, 0) == 15.0);
+    frame_finish(&dull);
+    frame_finish(&f);
+    between_destroy(b);
+}
+
 /* A sun that clipped is found, too: four times the sky is far below what sun_patch takes for one. */
 static void a_clipped_sun_tells_north(void **state)
 {
@@ -251,6 +310,9 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_sun_that_goes_out_stays_on_its_way),
     cmocka_unit_test(suns_far_apart_fade),
     cmocka_unit_test(before_a_sky_of_another_size_the_last_one_stays),
+    cmocka_unit_test(a_gap_between_two_pairs_is_crossed_straight),
+    cmocka_unit_test(an_illuminance_restores_the_sun_of_a_captured_sky),
+    cmocka_unit_test(skies_that_were_turned_otherwise_do_not_meet),
     cmocka_unit_test(a_clipped_sun_tells_north),
     cmocka_unit_test(other_layouts_become_lat_long),
     cmocka_unit_test(after_the_last_sky_its_sun_goes_on_for_one_interval),
