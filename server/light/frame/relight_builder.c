@@ -107,8 +107,8 @@ static void build_whole_indirect(struct relight_builder *b)
     if (e)
         refuse_indirect(b, why.text);
     if (made)
-        log_info("indirect light: computed in the background in %.1f s, %.0f MB, %u records", clock_seconds() - start,
-                 1e-6 * (double)indirect_stats(made)->bytes, indirect_stats(made)->records);
+        log_info("indirect light: computed in the background in %.1f s, %.0f MB", clock_seconds() - start,
+                 1e-6 * (double)indirect_stats(made)->bytes);
     b->whole = made;
     if (made && !b->loaded)
         relight_keep_save(&b->keep, NULL, made, &b->described);
@@ -158,9 +158,8 @@ static const struct transport *build_direct(struct relight_builder *b)
     if (t) {
         const struct transport_stats *s = transport_stats(t);
 
-        log_info("light transport: computed in the background in %.1f s, %.0f MB; %u of %u packets have lobes narrower "
-                 "than its cells",
-                 clock_seconds() - start, 1e-6 * (double)s->bytes, s->narrow, s->packets);
+        log_info("light transport: computed in the background in %.1f s, %.0f MB", clock_seconds() - start,
+                 1e-6 * (double)s->bytes);
     }
     return t;
 }

@@ -77,8 +77,7 @@ static void tell(const struct relight_cache *c, double ms)
         log_info("light transport: loaded in %.1f s from %s, %.0f MB", 1e-3 * ms, c->keep.place.path,
                  1e-6 * (double)s->bytes);
     else
-        log_info("light transport: %.1f s, %.0f MB; %u of %u packets have lobes narrower than its cells", 1e-3 * ms,
-                 1e-6 * (double)s->bytes, s->narrow, s->packets);
+        log_info("light transport: computed in %.1f s, %.0f MB", 1e-3 * ms, 1e-6 * (double)s->bytes);
 }
 
 /* ---- In the background ---- */

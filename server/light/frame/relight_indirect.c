@@ -47,8 +47,7 @@ static void say(const struct relight_indirect *b, double ms)
     const struct indirect_stats *s = indirect_stats(b->indirect);
 
     if (!b->loaded) /* the line about direct light names the file */
-        log_info("indirect light: %.1f s, %.0f MB; %u records, %u coefficients, %u bounces", 1e-3 * ms,
-                 1e-6 * (double)s->bytes, s->records, s->basis, s->bounces);
+        log_info("indirect light: computed in %.1f s, %.0f MB", 1e-3 * ms, 1e-6 * (double)s->bytes);
 }
 
 static enum err compute(const struct indirect_desc *desc, const struct kernels *kernels, bool progress,

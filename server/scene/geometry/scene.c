@@ -243,7 +243,7 @@ enum err camera_check(const struct camera *c, const char *place, struct reason *
     if (!fisheye && c->projection != PROJECTION_PERSPECTIVE)
         return err_say(why, ERR_RANGE, "%s: unknown projection", place);
     if (!(c->fov_y > 0.0f && (fisheye ? c->fov_y <= (float)(2.0 * PI) : c->fov_y < (float)PI)))
-        return err_say(why, ERR_RANGE, "%s: fov_y_degrees is %g, not between 0 and %d", place,
+        return err_say(why, ERR_RANGE, "%s: --fov or fov_y_degrees is %g, not between 0 and %d", place,
                        (double)c->fov_y * 180.0 / PI, fisheye ? 360 : 180);
     if (vec3_length(ahead) == 0.0f)
         return err_say(why, ERR_RANGE, "%s: position and look_at are equal", place);

@@ -462,10 +462,15 @@ static enum err check_claimed(int fd, const char *path, uint64_t size, struct re
     uint8_t *head = mem_alloc_raw(DECODE_HEAD, 1);
     const ssize_t n = head ? pread(fd, head, DECODE_HEAD, 0) : -1;
     const uint64_t most = n > 0 ? decode_claimed(head, (size_t)n) : UINT64_MAX; /* reading will say what is wrong */
+    struct image none = { .width = 0 };
 
+    const bool foreign = most == 0 && decode_image(head, (size_t)n, path, &none, why) == ERR_UNSUPPORTED;
+    image_finish(&none);
     mem_free(head);
     if (size <= most)
         return ERR_OK;
+    if (foreign) /* such as a model, which *why names */
+        return ERR_UNSUPPORTED;
     if (most == 0)
         return err_say(why, ERR_FORMAT, "%s: its first %d KiB are no header of an image; it was not read", path,
                        (int)(DECODE_HEAD >> 10));
