@@ -73,7 +73,7 @@ MUST_CHECK enum err between_take(struct between *b, const struct frame *f, doubl
  * sequence, spread over it. Errors as those of between_take. */
 MUST_CHECK enum err between_learn(struct between *b, const struct frame *f, struct reason *why);
 
-/* The alignment stays as it was learnt, and is logged; if nothing was learnt, between_take refines it sky by sky. */
+/* The alignment stays as it was learnt, and is logged; if no sun was seen, no sky is turned. */
 void between_settle(struct between *b);
 
 /* Empties the window: what follows has nothing to do with what was before. */

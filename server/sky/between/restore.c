@@ -220,8 +220,7 @@ static double missing(const struct spot_area *a, const struct restore_desc *desc
         if (out->kind == RESTORE_DOUBT)
             snprintf(out->note, sizeof(out->note),
                      "the sun at %.0f degrees elevation was clipped, but the rest of the sky alone has %.4g lx, which "
-                     "%s %.4g"
-                     " lx: nothing was added",
+                     "%s %.4g lx: nothing was added",
                      elevation, have, desc->lux > have ? "is far too little for" : "is more than", desc->lux);
         return fmax(0.0, desc->lux / LUMINOUS_EFFICACY * desc->units - out->rest);
     }

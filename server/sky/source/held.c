@@ -324,7 +324,7 @@ static enum err load(struct source *s, uint64_t sky, struct reason *why)
     if (!e)
         e = between_take(h->between, &h->frame, seconds_of(h, sky), NULL, why);
     const uint32_t count = between_count(h->between);
-    for (uint32_t k = 0; k + 1 < before && before == SUN_MARKS; k++) { /* the oldest has left */
+    for (uint32_t k = 0; k + 1 < before && count < before + !e; k++) { /* the oldest has left */
         h->loaded[k] = h->loaded[k + 1];
         h->turns[k] = h->turns[k + 1];
     }

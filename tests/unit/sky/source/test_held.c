@@ -71,10 +71,10 @@ static void images_count_from_the_first_to_the_last_frame(void **state)
     folder_remove(&folder);
 }
 
-/* A sky that is still needed is kept: what was read once may vanish. */
+/* A sky that is still needed is kept, also where one between cannot be read: what was read once may vanish. */
 static void each_frame_is_read_once(void **state)
 {
-    enum { SKIES = 7 };
+    enum { SKIES = 9, DAMAGED = 4 };
     struct folder folder;
     struct frame f = { .kind = FRAME_NONE };
     char name[32];
@@ -84,11 +84,14 @@ static void each_frame_is_read_once(void **state)
     folder_make(&folder);
     for (int k = 0; k < SKIES; k++) {
         snprintf(name, sizeof(name), "a.%d.hdr", k);
-        put_grey(&folder, name, (unsigned char)(64 + 16 * k));
+        if (k == DAMAGED)
+            folder_put(&folder, name, "no image");
+        else
+            put_grey(&folder, name, (unsigned char)(64 + 16 * k));
     }
     struct source *s = opened(folder_path(&folder, "a.%d.hdr"), false, BETWEEN_FADE);
     for (int k = 0; k <= (SKIES - 1) * HOLD; k++) {
-        (void)grey_of(s, &f);
+        assert_true(fabsf(grey_of(s, &f) * 128.0f / (64.0f + 16.0f * (float)k / HOLD) - 1.0f) < 2e-2f);
         for (; k % HOLD != 0 && there < SKIES && there <= k / HOLD + 2; there++) {
             snprintf(name, sizeof(name), "a.%d.hdr", there);
             assert_int_equal(remove(folder_path(&folder, name)), 0);
