@@ -1,7 +1,7 @@
 #include "image/codec/decode.h"
 
 #include "base/mem.h"
-#include "image/codec/colour.h"
+#include "image/codec/primaries.h"
 #include "image/codec/exr_dwa.h"
 #include "image/codec/exr_file.h"
 

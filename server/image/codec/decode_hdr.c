@@ -2,7 +2,7 @@
 
 #include "base/mem.h"
 #include "image/codec/calendar.h"
-#include "image/codec/colour.h"
+#include "image/codec/primaries.h"
 
 #include <math.h>
 #include <stdio.h>

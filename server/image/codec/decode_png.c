@@ -2,7 +2,7 @@
 
 #include "base/luminance.h"
 #include "base/mem.h"
-#include "image/codec/colour.h"
+#include "image/codec/primaries.h"
 #include "image/codec/markers.h"
 #include "image/codec/signal.h"
 

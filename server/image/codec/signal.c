@@ -1,7 +1,7 @@
 #include "base/luminance.h"
 #include "image/codec/signal.h"
 
-#include "image/codec/colour.h"
+#include "image/codec/primaries.h"
 
 #include <math.h>
 

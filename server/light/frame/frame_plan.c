@@ -62,8 +62,8 @@ void plan_make(const struct plan_facts *f, const struct relight_desc *desc, bool
         p->eye_paths = desc->eye_paths ? desc->eye_paths : per_point;
 }
 
-void relight_plan(const struct prepared_scene *set, const struct indirect_cache *indirect, const struct environment *e,
-                  const struct relight_desc *desc, bool grown, struct plan *out)
+static void assign(const struct prepared_scene *set, const struct indirect_cache *indirect, const struct environment *e,
+                   const struct relight_desc *desc, bool grown, struct plan *out)
 {
     const bool live = beside_wanted(set, desc), cached = desc->direct.method == METHOD_CACHED;
     struct plan_facts facts = set->facts;
@@ -190,10 +190,12 @@ static void add_light_tracer(const struct relight_desc *desc, const struct plan 
 }
 
 void frame_plan_make(const struct prepared_scene *set, const struct indirect_cache *indirect, struct scratch *scratch,
-                     const struct relight_desc *desc, const struct plan *p, struct frame_plan *out)
+                     const struct environment *e, const struct relight_desc *desc, bool grown, struct frame_plan *out)
 {
-    const uint32_t stored = relight_plan_classes(p, PLAN_STORED);
+    const struct plan *p = &out->light;
 
+    assign(set, indirect, e, desc, grown, &out->light);
+    const uint32_t stored = relight_plan_classes(p, PLAN_STORED);
     out->count = 0;
     out->background = desc->classes & PATH_BACKGROUND || desc->classes == 0;
     out->cancel = desc->direct.cancel;

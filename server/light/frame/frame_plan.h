@@ -50,6 +50,7 @@ struct pass {
 #define PASSES_MAX 16 /* bounds a table; an assertion checks it */
 
 struct frame_plan {
+    struct plan light; /* which estimator brings which class */
     struct pass pass[PASSES_MAX];
     uint32_t count;
     bool background;           /* the sky where the camera sees it */
@@ -63,12 +64,6 @@ bool relight_is_cached(const struct relight_desc *desc);
  * another estimator. */
 void plan_make(const struct plan_facts *facts, const struct relight_desc *desc, bool stored, struct plan *out);
 
-/* The same for an image of this set. indirect: the cache of indirect light, or NULL. e may be NULL: the estimator of
- * caustics is then undecided unless they are stored. grown: relight_caustics_serve, before which live images under a
- * soft sky take eye paths. */
-void relight_plan(const struct prepared_scene *set, const struct indirect_cache *indirect, const struct environment *e,
-                  const struct relight_desc *desc, bool grown, struct plan *out);
-
 /* The classes that the plan assigns to `who`. */
 uint32_t relight_plan_classes(const struct plan *p, enum plan_estimator who);
 
@@ -81,9 +76,12 @@ uint32_t relight_plan_behind(const struct relight_desc *desc, const struct plan 
 /* The same if the image waits for them; live images do not (beside.h). */
 uint32_t relight_plan_awaited(const struct prepared_scene *set, const struct relight_desc *desc, const struct plan *p);
 
-/* Lists the passes of a plan, without a filter. *out borrows desc, indirect and scratch. */
+/* Assigns the classes of an image of this set and lists the passes, without a filter. indirect: the cache of indirect
+ * light, or NULL. e may be NULL: the estimator of caustics is then undecided unless they are stored. grown:
+ * relight_caustics_serve, before which live images under a soft sky take eye paths. *out borrows desc, indirect and
+ * scratch. */
 void frame_plan_make(const struct prepared_scene *set, const struct indirect_cache *indirect, struct scratch *scratch,
-                     const struct relight_desc *desc, const struct plan *p, struct frame_plan *out);
+                     const struct environment *e, const struct relight_desc *desc, bool grown, struct frame_plan *out);
 
 /* ---- Lists ---- */
 

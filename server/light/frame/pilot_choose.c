@@ -56,8 +56,8 @@ static void plan(struct pilot *p)
     struct frame_plan rule;
     bool changed = p->runs == 0;
 
-    relight_plan(p->set, NULL, p->environment, &p->wanted, false, &p->plan);
-    frame_plan_make(p->set, NULL, p->passes->scratch, &p->wanted, &p->plan, &rule);
+    frame_plan_make(p->set, NULL, p->passes->scratch, p->environment, &p->wanted, false, &rule);
+    p->plan = rule.light;
     const struct pass *found = frame_plan_find(&rule, PASS_EYE);
     p->background = rule.background;
     p->eye = found ? found->eye : (struct eye_paths_desc){ .paths = 0 };

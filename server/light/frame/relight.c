@@ -48,11 +48,11 @@ void relighter_destroy(struct relighter *r)
 
 enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc, bool progress, double *ms)
 {
-    struct plan plan;
+    struct frame_plan plan;
 
     *ms = 0.0;
-    relight_plan(r->set, r->cache.indirect.indirect, NULL, desc, false, &plan);
-    const uint32_t stored = beside_wanted(r->set, desc) ? 0 : relight_plan_classes(&plan, PLAN_STORED);
+    frame_plan_make(r->set, r->cache.indirect.indirect, r->passes.scratch, NULL, desc, false, &plan);
+    const uint32_t stored = beside_wanted(r->set, desc) ? 0 : relight_plan_classes(&plan.light, PLAN_STORED);
     enum err e = relight_is_cached(desc) ? relight_cache_begin(&r->cache, r->set, desc) : ERR_OK;
     if (!e && relight_is_cached(desc))
         e = relight_cache_make(&r->cache, r->set, r->kernels, desc, progress, ms);
@@ -63,9 +63,9 @@ enum err relighter_prepare(struct relighter *r, const struct relight_desc *desc,
         e = relight_cache_keep(&r->cache);
     if (!e && stored)
         e = relight_caustics_make(&r->caustics, r->set, desc, stored, progress, ms);
-    const uint32_t behind = relight_plan_awaited(r->set, desc, &plan);
+    const uint32_t behind = relight_plan_awaited(r->set, desc, &plan.light);
     if (!e && behind)
-        e = relight_caustics_make_behind(&r->caustics, r->set, desc, behind, plan.eye_paths, ms);
+        e = relight_caustics_make_behind(&r->caustics, r->set, desc, behind, plan.light.eye_paths, ms);
     return e;
 }
 
@@ -210,8 +210,9 @@ enum err relighter_describe(struct relighter *r, const struct environment *e, co
     enum err result = relighter_prepare(r, desc, false, &stats->cache_ms);
     if (result)
         return result;
-    relight_plan(r->set, r->cache.indirect.indirect, e, desc, relight_caustics_serve(&r->caustics), &stats->plan);
-    frame_plan_make(r->set, r->cache.indirect.indirect, r->passes.scratch, desc, &stats->plan, plan);
+    frame_plan_make(r->set, r->cache.indirect.indirect, r->passes.scratch, e, desc,
+                    relight_caustics_serve(&r->caustics), plan);
+    stats->plan = plan->light;
     if (desc->denoise)
         result = relighter_add_filter(r, plan);
     stats->still = desc->remember && sky_is_still(r, e);

@@ -1,8 +1,7 @@
 #include "sky/between/align.h"
 
 #include "base/vec.h"
-#include "sky/between/spot.h"
-#include "sky/between/texel.h"
+#include "sky/between/latlong.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -46,7 +45,7 @@ void align_sun(double latitude, double longitude, int64_t micros, double w[3])
 #define LEVELS 6
 #define CLIPPED 10.0f /* a sun that is so little brighter has clipped: its flat spot is where it is */
 #define CONTRAST 1.3f /* of the sun to its surroundings, at least */
-#define SUN_ROUND 0.4 /* see spot.h */
+#define SUN_ROUND 0.4 /* see latlong.h */
 
 /* Mean of the largest channel over the sphere, of values held at `most`. */
 static double mean_brightness(const float *rgb, uint32_t width, uint32_t height, float most)

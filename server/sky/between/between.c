@@ -9,7 +9,6 @@
 #include "sky/between/latlong.h"
 #include "sky/between/restore.h"
 #include "sky/between/taken.h"
-#include "sky/between/texel.h"
 #include "sky/tables/environment.h"
 
 #include <assert.h>

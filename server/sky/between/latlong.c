@@ -1,6 +1,5 @@
 #include "sky/between/latlong.h"
 
-#include "sky/between/texel.h"
 #include "sky/tables/layout.h"
 
 #include <math.h>

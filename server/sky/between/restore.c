@@ -2,8 +2,7 @@
 
 #include "base/luminance.h"
 #include "base/mem.h"
-#include "sky/between/spot.h"
-#include "sky/between/texel.h"
+#include "sky/between/latlong.h"
 #include "sky/daylight/sky.h"
 
 #include <math.h>

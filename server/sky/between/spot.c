@@ -1,7 +1,6 @@
-#include "sky/between/spot.h"
+#include "sky/between/latlong.h"
 
 #include "base/mem.h"
-#include "sky/between/texel.h"
 
 struct sums { /* over an area */
     struct spot spot;

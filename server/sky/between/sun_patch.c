@@ -3,7 +3,7 @@
 #include "base/luminance.h"
 #include "base/mem.h"
 #include "base/vec.h"
-#include "sky/between/texel.h"
+#include "sky/between/latlong.h"
 #include "sky/daylight/sky.h"
 
 #include <math.h>

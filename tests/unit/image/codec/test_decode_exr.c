@@ -1,7 +1,7 @@
 /* What valid OpenEXR files decode to, and which are refused by name. */
 #include "image/codec/decoding.h"
 
-#include "image/codec/colour.h"
+#include "image/codec/primaries.h"
 #include "image/codec/make_exr.h"
 
 #define HALF EXR_PIXEL_HALF

@@ -4,7 +4,7 @@
 
 #include "base/luminance.h"
 #include "sky/between/sun_patch.h"
-#include "sky/between/texel.h"
+#include "sky/between/latlong.h"
 #include "support/skies.h"
 
 #include <math.h>

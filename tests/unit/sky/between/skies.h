@@ -4,7 +4,7 @@
 #include "support/unit.h"
 
 #include "base/luminance.h"
-#include "sky/between/texel.h"
+#include "sky/between/latlong.h"
 #include "sky/daylight/pattern.h"
 #include "sky/daylight/sky.h"
 

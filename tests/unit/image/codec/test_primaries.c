@@ -1,7 +1,7 @@
 /* Matrices between spaces of colours, held against published ones. */
 #include "support/unit.h"
 
-#include "image/codec/colour.h"
+#include "image/codec/primaries.h"
 #include "image/codec/signal.h"
 
 #include <math.h>

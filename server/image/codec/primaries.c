@@ -1,4 +1,4 @@
-#include "image/codec/colour.h"
+#include "image/codec/primaries.h"
 
 #include <assert.h>
 #include <math.h>
