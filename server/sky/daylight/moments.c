@@ -14,31 +14,28 @@
 
 /* ---- The sun ---- */
 
-static void sun_at(const struct epw *w, int day, double clock, double out[3])
+struct sun_day epw_day(const struct epw *w, int day)
 {
-    const double local = clock + w->longitude / 15.0 - w->zone;
-    const double solar = local + sky_equation_of_time(day, local) / 60.0;
-
-    sky_sun_place(w->latitude * DEGREE, day, solar + 48.0, out); /* whole days more: the hours must not be negative */
+    return (struct sun_day){ w->latitude * DEGREE, day, .ahead = w->longitude / 15.0 - w->zone };
 }
 
 /* In the middle of the part of the interval in which the sun is up; in the middle of all where it always or never is.
  */
 static void place_sun(const struct epw *w, struct moment *m)
 {
-    const int day = day_of_year(m->month, m->day);
+    const struct sun_day day = epw_day(w, day_of_year(m->month, m->day));
     double sum = 0.0, w3[3];
     int up = 0;
 
     for (int k = 0; k < SLICES; k++) {
         const double clock = m->clock + m->span * ((k + 0.5) / SLICES - 0.5);
-        sun_at(w, day, clock, w3);
+        sun_day_at(&day, clock, w3);
         if (w3[1] > 0.0) {
             sum += clock;
             up++;
         }
     }
-    sun_at(w, day, up > 0 ? sum / up : m->clock, m->sun);
+    sun_day_at(&day, up > 0 ? sum / up : m->clock, m->sun);
     m->altitude = asin(m->sun[1]);
 }
 

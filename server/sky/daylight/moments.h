@@ -3,6 +3,7 @@
 
 #include "base/err.h"
 #include "sky/daylight/pattern.h"
+#include "sky/daylight/sun.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -38,6 +39,7 @@ struct epw {
 /* Reads a file. The caller frees *out with epw_finish. ERR_IO: cannot be read; ERR_FORMAT names line and field;
  * ERR_RANGE: a value that no weather has, or a file above 64 MB; ERR_NOMEM. On an error *out is empty. */
 MUST_CHECK enum err epw_read(const char *path, struct epw *out, struct reason *why);
+struct sun_day epw_day(const struct epw *w, int day); /* of the year, by local standard time, north at +Z */
 void epw_finish(struct epw *w); /* zeroed memory is allowed */
 
 /* The same from memory, which is changed. name: of the file, for messages. */

@@ -54,22 +54,26 @@ static void sun_moves_evenly_through_any_year(void **state)
     }
 }
 
-/* It agrees with the sky's own sun [Spencer 1971], which leaves out the leap years. */
+/* It agrees with the suns of computed skies and of weather files [Spencer 1971], which leave out the leap years. A
+ * series that is a day off is 0.7 degrees off at the equinoxes. */
 static void sun_is_near_the_sky_s_own(void **state)
 {
-    double most = 0.0;
+    const struct epw weather = { .latitude = 47.0, .longitude = 13.0, .zone = 1.0 };
+    double most[2] = { 0.0, 0.0 };
 
     (void)state;
-    for (int day = 1; day <= 365; day += 3) {
-        double a[3], b[3];
-        const double utc = 10.0, lat = 47.0;
-        align_sun(lat, 0.0, INT64_C(1000000) * (INT64_C(1672531200) + (int64_t)(day - 1) * 86400 + 36000),
-                  a); /* 2023 */
-        sky_sun_place(lat * DEGREE, day, utc + sky_equation_of_time(day, utc) / 60.0, b);
-        most = fmax(most, angle_between(a, b) / DEGREE);
+    for (int64_t n = 0; n < 4 * 365; n += 3) { /* 2021 to 2024, whose leap day is at its end */
+        const int day = (int)(n % 365) + 1;
+        const struct sun_day at = epw_day(&weather, day);
+        double a[3], b[3], c[3];
+        align_sun(47.0, 13.0, INT64_C(1000000) * (INT64_C(1609459200) + n * 86400 + 36000), a);
+        sky_sun_place(47.0 * DEGREE, day, 10.0 + 13.0 / 15.0 + sky_equation_of_time(day, 10.0) / 60.0, b);
+        sun_day_at(&at, 11.0, c);
+        most[0] = fmax(most[0], angle_between(a, b) / DEGREE);
+        most[1] = fmax(most[1], angle_between(a, c) / DEGREE);
     }
-    printf("%.3f degrees apart at most\n", most);
-    assert_true(most < 0.45);
+    printf("%.3f and %.3f degrees apart at most\n", most[0], most[1]);
+    assert_true(most[0] < 0.4 && most[1] < 0.4);
 }
 
 /* ---- The sun of an image ---- */
