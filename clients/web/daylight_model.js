@@ -58,7 +58,7 @@ export function illuminanceFactor(answer) {
 
 // Elevation and azimuth (from north over east) of the sun in degrees [Spencer 1971]. hour: local standard time.
 export function sunAt({ latitude, longitude, zone }, day, hour) {
-  const g = (2 * Math.PI * (day - 1 + (hour - 12) / 24)) / 365;
+  const g = (2 * Math.PI * (day - 1 + 1.15 + (hour - 12) / 24)) / 365; // as server/sky/daylight/sun.c
   const declination = 0.006918 - 0.399912 * Math.cos(g) + 0.070257 * Math.sin(g) - 0.006758 * Math.cos(2 * g)
     + 0.000907 * Math.sin(2 * g) - 0.002697 * Math.cos(3 * g) + 0.00148 * Math.sin(3 * g);
   const minutes = 229.18 * (0.000075 + 0.001868 * Math.cos(g) - 0.032077 * Math.sin(g) - 0.014615 * Math.cos(2 * g) - 0.04089 * Math.sin(2 * g));

@@ -5,7 +5,7 @@ import { colours, make, saveAs, setText } from './dom.js';
 import { COLOURS, decodeSky, drawProbe } from './probe_draw.js';
 import { Picker } from './probe_pick.js';
 import { MINUTES, Trace, drawTrace } from './probe_plot.js';
-import { RELATIVE, UNIT, countSamples, figure, percent, plotWords, rows, summary } from './probe_words.js';
+import { RELATIVE, UNIT, countSamples, figure, percent, plotWords, rows, summary, sunGradient, sunWords } from './probe_words.js';
 
 const AGAIN_MS = 1000; // between requests about a followed pixel
 const LOST_MS = 15000; // an answer this late is lost; allows for large images
@@ -63,8 +63,15 @@ class Probe {
     this.legend = make('ul', { className: 'probe-legend', id: 'probe-legend' });
     this.shares = make('table', { className: 'probe-shares', id: 'probe-shares' });
     this.table = make('table', { className: 'probe-table', id: 'probe-table' });
+    this.sunNow = make('span');
+    this.sunBar = make('div', { className: 'probe-sun', attributes: { 'aria-hidden': 'true' } }, this.sunNow);
+    this.sunText = make('p', { className: 'counts' });
+    this.sun = make('div', { id: 'probe-sun', hidden: true }, make('h3', { text: 'Sun on this day' }), this.sunBar,
+      make('div', { className: 'probe-hours', attributes: { 'aria-hidden': 'true' } },
+        ...[0, 6, 12, 18, 24].map((hour) => make('span', { text: `${hour} h` }))), this.sunText);
     this.plotText = make('p', { className: 'counts', id: 'probe-plot-words' });
     this.shown.append(
+      this.sun,
       make('div', { className: 'probe-row' }, this.preset,
         make('label', {}, 'Samples ', this.samples)),
       this.latlong, this.cross, this.legend, this.visibility.row, this.lobes.row,
@@ -193,6 +200,7 @@ class Probe {
     if (first) this.spoken.textContent = summary(answer);
     this.latlong.setAttribute('aria-label', `The sky as a lat-long image. ${summary(answer)}`);
     this.draw();
+    this.showSun();
     this.showShares();
     this.showTable();
   }
@@ -240,6 +248,16 @@ class Probe {
       sign.style.setProperty('--colour', COLOURS[kind]);
       return make('li', {}, sign, text);
     }));
+  }
+
+  // Older servers, and skies whose sun's way is not known, say nothing.
+  showSun() {
+    const { sunlight } = this.answer;
+    this.sun.hidden = !sunlight;
+    if (!sunlight) return;
+    this.sunBar.style.background = sunGradient(sunlight, 'var(--sun)', 'var(--shade)', 'var(--night)');
+    this.sunNow.style.left = `${(100 * (this.app.status?.source?.hour ?? 0)) / 24}%`;
+    setText(this.sunText, sunWords(sunlight));
   }
 
   showShares() {

@@ -92,6 +92,25 @@ export function rows(answer, unit = UNIT) {
   return all;
 }
 
+const duration = (hours) => `${Math.floor(Math.round(60 * hours) / 60)}\u00a0h ${Math.round(60 * hours) % 60}\u00a0min`;
+
+// Of the day that the sky shows.
+export const sunWords = ({ hours, daylight }) => `The sun shines here for ${duration(hours)} of the ${duration(daylight)} between sunrise and sunset.`;
+
+// The day as a CSS gradient from midnight to midnight: the sun's share in steps, and the night.
+export function sunGradient({ shares }, sun, shade, night) {
+  const n = shares.length;
+  const stops = [];
+  for (let k = 0; k < n;) {
+    let end = k + 1;
+    while (end < n && shares[end] === shares[k]) end += 1;
+    const colour = shares[k] === '-' ? night : `color-mix(in srgb, ${sun} ${Math.round((100 * shares[k]) / 9)}%, ${shade})`;
+    stops.push(`${colour} ${((100 * k) / n).toFixed(2)}% ${((100 * end) / n).toFixed(2)}%`);
+    k = end;
+  }
+  return `linear-gradient(90deg, ${stops.join(', ')})`;
+}
+
 const PARTS = { direct: 'Direct light', indirect: 'Indirect light', caustics: 'Caustics', background: 'Background' };
 
 // What the server knows of the light by class; older ones send nothing.

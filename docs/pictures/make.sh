@@ -30,6 +30,9 @@ done
 ffmpeg -v error -y -i "$parts/part.000.png" -i "$parts/part.120.png" -i "$parts/part.239.png" -filter_complex hstack=3 -q:v 4 \
     "$here/film.jpg"
 
+# A day of sun in the court (docs/probe.md).
+"$bin/relight-render" --sun-hours "$here/sun-hours.png" --source sky: --size 640x360
+
 # The house, as README renders it.
 "$bin/relight-render" --scene "$parts/house.glb" --source sky:date=05-10,time=10:00,latitude=48 --denoise --size 1280x720 \
     --samples 64 --eye-paths 48 --particles 16000000 --quality 90 --out "$here/house.jpg"

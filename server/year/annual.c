@@ -4,6 +4,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/vec.h"
+#include "light/estimators/sunlight.h"
 #include "light/frame/part.h"
 #include "scene/geometry/gbuffer.h"
 #include "scene/geometry/scene_digest.h"

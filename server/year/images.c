@@ -139,32 +139,23 @@ static enum err write_hdr(const struct annual *a, const struct moment *m, const 
 #define DECADES 4
 #define STEPS 8 /* outlined */
 
-static double share_of(float cdm2)
-{
-    return fmin(1.0, fmax(0.0, log10(fmax((double)cdm2, LEAST_CDM2) / LEAST_CDM2) / DECADES));
-}
-
-/* Luminance in false colour, the same in all images. */
+/* Luminance in false colour, logarithmic, the same in all images. */
 static enum err write_luminance(const struct annual *a, const char *path, struct reason *why)
 {
     const uint32_t width = a->set->view.width, height = a->set->view.height;
-    uint8_t *pixels = mem_alloc((size_t)width * height, 3);
+    const size_t count = (size_t)width * height;
+    uint8_t *pixels = mem_alloc(count, 3);
+    float *shares = mem_alloc(count, sizeof(*shares));
+    enum err e = pixels && shares ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory");
 
-    if (!pixels)
-        return err_say(why, ERR_NOMEM, "out of memory");
-    for (uint32_t y = 0; y < height; y++)
-        for (uint32_t x = 0; x < width; x++) {
-            const float *v = a->cdm2 + (size_t)y * width + x;
-            const double share = share_of(*v), step = floor(STEPS * share);
-            const bool edge = (x + 1 < width && floor(STEPS * share_of(v[1])) != step) ||
-                              (y + 1 < height && floor(STEPS * share_of(v[width])) != step);
-            uint8_t *rgb = pixels + 3 * ((size_t)y * width + x);
-            false_colour(share, rgb);
-            for (int k = 0; k < 3 && edge; k++)
-                rgb[k] = rgb[k] / 3;
-        }
-    const enum err e = store_png(pixels, width, height, path, why);
+    for (size_t i = 0; i < count && !e; i++)
+        shares[i] = (float)fmin(1.0, log10(fmax((double)a->cdm2[i], LEAST_CDM2) / LEAST_CDM2) / DECADES);
+    if (!e) {
+        false_colour_map(shares, width, height, 1.0, STEPS, pixels);
+        e = store_png(pixels, width, height, path, why);
+    }
     mem_free(pixels);
+    mem_free(shares);
     return e;
 }
 

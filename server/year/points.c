@@ -3,6 +3,7 @@
 #include "base/mem.h"
 #include "base/sort.h"
 #include "base/vec.h"
+#include "light/estimators/sunlight.h"
 #include "scene/geometry/mesh_read.h"
 
 #include <errno.h>

@@ -8,7 +8,6 @@
 #include "scene/geometry/rays.h"
 #include "scene/geometry/scene.h"
 
-#include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 
@@ -32,29 +31,3 @@ void points_finish(struct points *p); /* zeroed memory is allowed */
  * and a quarter meets the back of a surface; others may meet the front of a solid that touches this one. *first: the
  * first of them. The cache's light is meaningless there: its records may cover both sides of a thin wall. */
 size_t points_enclosed(const struct points *p, const struct scene *scene, const struct rays *rays, size_t *first);
-
-/* ---- Vogel's spiral ---- */
-
-/* Vogel's spiral: sample points that divide a disc into equal areas. Thread: any. */
-
-/* Place k of `count` on the disc with this radius about the origin, perpendicular to the unit vector w; *r: its
- * distance. */
-static inline struct vec3 spiral_place(struct vec3 w, double radius, int k, int count, double *r)
-{
-    const struct vec3 side = fabsf(w.y) < 0.9f ? vec3_make(0.0f, 1.0f, 0.0f) : vec3_make(1.0f, 0.0f, 0.0f);
-    const struct vec3 u = vec3_normalize(vec3_cross(side, w)), v = vec3_cross(w, u);
-    const double turn = 2.399963229728653 * k;
-
-    *r = radius * sqrt((k + 0.5) / count);
-    return vec3_add(vec3_scale(u, (float)(*r * cos(turn))), vec3_scale(v, (float)(*r * sin(turn))));
-}
-
-/* ---- Sunlight ---- */
-
-/* The illuminance of sensors from the sun's disc alone, without reflections, as annual sunlight exposure requires.
- * Sixteen rays are spread over the disc; panes of thin glass weight each by their transmittance, for luminance.
- * Thread: one; all OpenMP threads are used. */
-
-/* sun: unit, towards its centre. normal_lux: its illuminance at normal incidence. lux: [count]. */
-void sunlight_lux(const struct scene *scene, const struct rays *rays, const struct sensor *sensors, size_t count,
-                  const double sun[3], double normal_lux, float *lux);

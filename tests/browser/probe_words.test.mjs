@@ -3,7 +3,7 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { FACES, faceOf, fit, fromCross, fromLatLong, pixelAt, readSample, sightAt, toCross, toLatLong } from '../../clients/web/probe_geometry.js';
 import { Trace, roundUp } from '../../clients/web/probe_plot.js';
-import { countSamples, figure, materialWords, plotWords, rows, summary } from '../../clients/web/probe_words.js';
+import { countSamples, figure, materialWords, plotWords, rows, summary, sunGradient, sunWords } from '../../clients/web/probe_words.js';
 
 const near = (a, b, by = 1e-9) => assert.ok(Math.abs(a - b) <= by, `${a} is not ${b}`);
 const random = (() => {
@@ -18,6 +18,13 @@ const direction = () => {
   const phi = 2 * Math.PI * random();
   return [Math.sqrt(1 - y * y) * Math.sin(phi), y, Math.sqrt(1 - y * y) * Math.cos(phi)];
 };
+
+test('a day of sun has its length in words and its parts as a gradient', () => {
+  assert.equal(sunWords({ hours: 8.999, daylight: 15.5 }), 'The sun shines here for 9\u00a0h 0\u00a0min of the 15\u00a0h 30\u00a0min between sunrise and sunset.');
+  const parts = sunGradient({ shares: '--0099-3' }, 'sun', 'shade', 'night').match(/(night|color-mix\([^)]*\)) [\d.]+% [\d.]+%/g);
+  assert.deepEqual(parts, ['night 0.00% 25.00%', 'color-mix(in srgb, sun 0%, shade) 25.00% 50.00%', 'color-mix(in srgb, sun 100%, shade) 50.00% 75.00%',
+    'night 75.00% 87.50%', 'color-mix(in srgb, sun 33%, shade) 87.50% 100.00%']);
+});
 
 test('axes are at their conventional positions', () => {
   const at = (w) => Object.values(toLatLong(w));

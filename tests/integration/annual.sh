@@ -110,6 +110,31 @@ RUN
     grep -q 'picture-0321-1230.png' stderr || { cat stderr; fail "the picture is not named"; }
 }
 
+# A floor in the open sees the sun for as long as it is up; at the poles the winter has none.
+hours_of_sun_are_mapped() {
+    weather
+    year none ,days=06-20 --pictures none # for the floor
+    sun_hours() { # OPEN FILE SOURCE: of the floor, within a tenth
+        "$render" --scene "$work/floor.json" --size 32x18 --sun-hours "$work/$2" --source "$3" 2>"$work/stderr" ||
+            { cat "$work/stderr"; fail "--sun-hours"; }
+        grep -qE "in the open $1," "$work/stderr" || { cat "$work/stderr"; fail "not $1 hours in the open"; }
+        python3 - "$work/stderr" <<'PY'
+import re, sys
+open_h, least, most, mean = map(float, re.search(r"open ([\d.]+), here ([\d.]+) to ([\d.]+), ([\d.]+) on", open(sys.argv[1]).read()).groups())
+assert abs(mean - open_h) < 0.1 + 0.01 * open_h and most - least < 0.5 + 0.2 * open_h, (open_h, least, most, mean)
+PY
+    }
+    sun_hours 12.1 day.png sky:date=03-21,latitude=48
+    sun_hours 0.0 night.exr sky:date=12-21,latitude=80
+    sun_hours '3[0-9].[0-9]' days.exr "epw:$work/x.epw,days=06-20:06-22"
+    head -c 4 "$work/days.exr" | cmp - <(printf '\x76\x2f\x31\x01') && head -c 4 "$work/day.png" | cmp - <(printf '\x89PNG')
+    expect 2 'sun-hours x.jpg: expected a file name that ends with .png or .exr' "$render" --sun-hours x.jpg --source sky:
+    expect 2 "needs the sun's way over a day or a year" "$render" --sun-hours x.png --source cie:5
+    expect 2 "needs the sun's way over a day or a year" "$render" --sun-hours x.png --source sky.exr
+    expect 2 'out cannot be used with --sun-hours' "$render" --sun-hours x.png --source sky: --out x.exr
+    expect 1 "$work/x.epw" "$render" --sun-hours "$work/x.epw/x.png" --source sky: --size 16x9
+}
+
 what_makes_no_year_is_refused() {
     weather
     expect 2 'needs the weather of a year: --source epw:FILE' "$render" --annual "$work/no" --source sky:

@@ -19,6 +19,21 @@ void false_colour(double share, uint8_t rgb[3])
         rgb[i] = (uint8_t)(stops[k][i] + (at - k) * (stops[k + 1][i] - stops[k][i]) + 0.5);
 }
 
+void false_colour_map(const float *values, uint32_t width, uint32_t height, double most, int steps, uint8_t *rgb)
+{
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < width; x++) {
+            const float *v = values + (size_t)y * width + x;
+            const double scale = steps / most, step = floor(scale * (double)*v);
+            const bool edge = (x + 1 < width && floor(scale * (double)v[1]) != step) ||
+                              (y + 1 < height && floor(scale * (double)v[width]) != step);
+            uint8_t *to = rgb + 3 * ((size_t)y * width + x);
+            false_colour(*v / most, to);
+            for (int k = 0; k < 3 && edge && !isnan(*v); k++)
+                to[k] = to[k] / 3;
+        }
+}
+
 double false_colour_share(double exposed)
 {
     if (!(exposed > FALSE_COLOUR_LEAST))

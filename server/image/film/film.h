@@ -92,6 +92,10 @@ void tone_map_pq(const float *rgb, uint32_t width, uint32_t height, double gain,
 /* The colour (8-bit sRGB) of a share 0..1, clamped; NaN is grey. */
 void false_colour(double share, uint8_t rgb[3]);
 
+/* values: [height][width], from 0 to `most`; rgb: [height][width][3]. A dark line between pixels of different steps of
+ * the scale. NAN is grey. */
+void false_colour_map(const float *values, uint32_t width, uint32_t height, double most, int steps, uint8_t *rgb);
+
 /* The scale of TONE_FALSE_COLOUR: exposed luminance from LEAST to MOST, logarithmic. */
 #define FALSE_COLOUR_LEAST 0.01
 #define FALSE_COLOUR_MOST 10.0

@@ -9,6 +9,7 @@
 #include "light/frame/relight.h"
 #include "scene/geometry/view.h"
 #include "scene/surface/scatter.h"
+#include "sky/daylight/sun.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -121,10 +122,11 @@ MUST_CHECK enum err inspect_divide(const struct inspect_desc *desc, struct inspe
 #define INSPECT_TEXT_MAX ((size_t)60 << 10) /* bytes of a report, which omits the sky image if it would not fit */
 
 struct inspect_request {
-    uint32_t x, y;    /* must lie in the image */
-    uint32_t samples; /* 1..INSPECT_SAMPLES_MAX; 0: those of `light` */
-    bool figure;      /* use the preset of probe.h */
-    bool sky;         /* include the sky image */
+    uint32_t x, y;             /* must lie in the image */
+    uint32_t samples;          /* 1..INSPECT_SAMPLES_MAX; 0: those of `light` */
+    bool figure;               /* use the preset of probe.h */
+    bool sky;                  /* include the sky image */
+    const struct sun_day *day; /* of the sun's known way, in the sky; borrowed; NULL: not known */
 };
 
 /* What the scene's own lamps give the pixel. */

@@ -5,6 +5,7 @@
 #include "base/text.h"
 #include "image/codec/encode.h"
 #include "image/film/film.h"
+#include "light/estimators/sunlight.h"
 
 #include <jansson.h>
 
@@ -299,6 +300,36 @@ static json_t *lamps_json(const struct probe_lamps *l)
     return json_pack("{s:o, s:o}", "scale", number(l->scale), "radiance", triple(part));
 }
 
+#define SUN_STEPS 288 /* of a day */
+
+/* When the heaviest point sees the sun on this day: for each five minutes from midnight on "0" to "9", ninths of its
+ * disc, and
+ * "-" where it is below the horizon. */
+static json_t *sunlight_json(const struct inspector *p, const struct environment *e, const struct inspect_request *q,
+                             const struct shade_packet *at)
+{
+    const struct sensor point = { vec3_make(at->x[0], at->y[0], at->z[0]),
+                                  vec3_make(at->ns_x[0], at->ns_y[0], at->ns_z[0]) };
+    struct sun_day day = *q->day;
+    char text[SUN_STEPS + 1] = "";
+    double seen = 0.0, up = 0.0, share[SUN_STEPS];
+
+    day.turn += e->rotation;
+#pragma omp parallel for schedule(dynamic, 8)
+    for (int k = 0; k < SUN_STEPS; k++) {
+        double w[3];
+        sun_day_at(&day, 24.0 * (k + 0.5) / SUN_STEPS, w);
+        share[k] = sunlight_share(p->set->scene, p->set->rays, &point, w);
+        text[k] = w[1] > 0.0 ? (char)('0' + lround(9.0 * share[k])) : '-';
+    }
+    for (int k = 0; k < SUN_STEPS; k++) {
+        up += text[k] != '-' ? 24.0 / SUN_STEPS : 0.0;
+        seen += share[k] * 24.0 / SUN_STEPS;
+    }
+    return json_pack("{s:i, s:o, s:o, s:i, s:s}", "day", (day.day - 1) % 365 + 1, "hours", number(seen), "daylight",
+                     number(up), "step_minutes", 24 * 60 / SUN_STEPS, "shares", text);
+}
+
 static json_t *report_json(struct inspector *p, const struct environment *e, const struct inspect_desc *d,
                            const struct inspect_request *q, const float *rgb, const struct probe_lamps *lamps)
 {
@@ -318,6 +349,7 @@ static json_t *report_json(struct inspector *p, const struct environment *e, con
     json_object_set_new(j, "first", first_json(p, a));
     json_object_set_new(j, "escape", a->misses > 0 ? vector(a->miss) : json_null());
     json_object_set_new(j, "point", a->points > 0 ? point_json(p, a) : json_null());
+    json_object_set_new(j, "sunlight", q->day && a->points > 0 ? sunlight_json(p, e, q, &a->lane0) : json_null());
     json_object_set_new(j, "shares", shares_json(&a->log));
     json_object_set_new(j, "light", samples_json(a->log.light, a->log.light_count, a->samples));
     json_object_set_new(j, "lobes", samples_json(a->log.lobes, a->log.lobe_count, a->samples));

@@ -5,6 +5,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "light/frame/part.h"
+#include "sky/daylight/sky.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -192,11 +193,16 @@ void render_decode(struct environment *e, const struct frame *frame, struct deco
 
 static enum err print_inspection(struct render *r, struct reason *why)
 {
-    const struct inspect_request *q = r->desc.inspection;
+    struct inspect_request q = *r->desc.inspection;
     struct probe_lamps lamps = { .scale = r->desc.setup.initial.lamps };
+    const struct sky_desc *sky = source_sky(r->source);
+    struct source_place place = { .day = 1 };
+    const bool placed = source_place(r->source, &place);
+    const struct sun_day day = sky ? sky_day(sky, r->environment->number) : source_place_day(&place);
 
-    relight_lamps_pixel(r->lamps, q->x, q->y, lamps.rgb);
-    return inspector_print(r->inspector, r->environment, &r->request.light, q, r->rgb, r->lamps ? &lamps : NULL, why);
+    q.day = sky || placed ? &day : NULL;
+    relight_lamps_pixel(r->lamps, q.x, q.y, lamps.rgb);
+    return inspector_print(r->inspector, r->environment, &r->request.light, &q, r->rgb, r->lamps ? &lamps : NULL, why);
 }
 
 /* What a frame of --fps took beyond its share is owed by the next ones. Warns where the time is too short. */

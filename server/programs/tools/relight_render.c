@@ -8,6 +8,7 @@
 #include "relightd/settings/settings.h"
 #include "sky/daylight/sky.h"
 #include "year/annual.h"
+#include "year/sun_hours.h"
 
 #include <errno.h>
 #include <omp.h>
@@ -25,6 +26,7 @@ struct request {
     int weights;                       /* enum luminance_weights */
     struct components_desc components; /* out.text NULL: not requested */
     struct annual_desc annual;         /* folder NULL: not requested */
+    const char *sun_hours;             /* NULL: not requested */
     struct inspect_request inspection; /* about a pixel, */
     bool probing;                      /* where one is asked */
     struct relight_whole whole;        /* of METHOD_COMPONENTS */
@@ -108,6 +110,11 @@ static const struct setting rows[] = {
       NULL, EXPERT, OUTPUT, TEXT, AT(annual.sensors) },
     { "pictures", "HOURS", "with --annual: images of these hours: MM-DDTHH:MM, separated by commas; seasons; or none",
       "seasons", EXPERT, OUTPUT, TEXT, AT(annual.images) },
+    { "sun-hours", "FILE",
+      "instead of images: how long each pixel's surface sees the sun, on the day of --source sky:... or in the year of "
+      "epw:FILE; "
+      ".png in colours, .exr in hours",
+      NULL, OUTPUT, TEXT, AT(sun_hours) },
     { "luminance", "W", "with --annual and --calibrate: luminance and illuminance from red, green and blue", "rec709",
       EXPERT, OUTPUT, CHOICE(luminance_choices), AT(weights) },
     { "probe", "X,Y", "print a pixel's light by kind and by sample, one JSON object per frame; makes --out optional",
@@ -233,6 +240,12 @@ static enum err read_out(const struct command *c, struct request *r, struct reas
     }
     if (r->desc.calibrate_lux > 0.0 && command_given(c, "scale"))
         return err_say(why, ERR_USAGE, "--calibrate cannot be used with --scale: give one or the other");
+    if (r->sun_hours) {
+        for (size_t k = 0; k < sizeof(others) / sizeof(others[0]); k++)
+            if (command_get(c, others[k]))
+                return err_say(why, ERR_USAGE, "--%s cannot be used with --sun-hours", others[k]);
+        return r->annual.folder ? err_say(why, ERR_USAGE, "--annual cannot be used with --sun-hours") : ERR_OK;
+    }
     if (r->annual.folder) {
         for (size_t k = 0; k < sizeof(others) / sizeof(others[0]); k++)
             if (strcmp(others[k], "resume") != 0 && command_get(c, others[k]))
@@ -420,6 +433,9 @@ static enum err render_together(struct request *r, int argc, char **argv, struct
     if (!e && r->components.out.text)
         e = ranks ? err_say(why, ERR_USAGE, "--components is for one process: start relight-render without mpirun")
                   : export_components(r, why);
+    else if (!e && r->sun_hours)
+        e = ranks ? err_say(why, ERR_USAGE, "--sun-hours is for one process: start relight-render without mpirun")
+                  : sun_hours_write(&(struct sun_hours_desc){ r->desc.setup, r->sun_hours }, why);
     else if (!e && r->annual.folder)
         e = run_annual(r, why);
     else if (!e)

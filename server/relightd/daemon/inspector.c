@@ -42,10 +42,14 @@ static enum err report(struct shade_thread *t, const struct server_inspection *a
 {
     const struct shown_image *shown = &t->refine.shown;
     struct relight_desc light = shown->light;
-    const struct inspect_request q = {
-        .x = asked->x, .y = asked->y, .samples = asked->samples, .figure = asked->figure, .sky = asked->sky
-    };
-
+    const struct ingested *in = shown->in;
+    const struct sun_day day = in->has_sky ? sky_day(&in->sky, in->environment->number) : source_place_day(&in->place);
+    const struct inspect_request q = { .x = asked->x,
+                                       .y = asked->y,
+                                       .samples = asked->samples,
+                                       .figure = asked->figure,
+                                       .sky = asked->sky,
+                                       .day = in->has_sky || in->has_place ? &day : NULL };
     struct probe_lamps lamps;
 
     *text = NULL;

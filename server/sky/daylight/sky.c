@@ -195,6 +195,13 @@ enum err sky_parse(const char *text, struct sky_desc *out, struct reason *why)
 
 /* ---- The sky at one moment ---- */
 
+struct sun_day sky_day(const struct sky_desc *d, uint64_t frame)
+{
+    const int later = (int)floor(fmod(d->hour + d->speed_hours * (double)frame, 365.0 * 24.0) / 24.0);
+
+    return (struct sun_day){ d->latitude_degrees * DEGREE, day_of_year(d->month, d->day) + later, .solar = true };
+}
+
 void sky_state_at(const struct sky_desc *d, uint64_t frame, struct sky_state *out)
 {
     const double year = 365.0 * 24.0;

@@ -61,6 +61,9 @@ MUST_CHECK enum err sky_parse(const char *text, struct sky_desc *out, struct rea
 /* Computes the sun's position at a frame number and the rest of the state from it. */
 void sky_state_at(const struct sky_desc *d, uint64_t frame, struct sky_state *out);
 
+/* The day of a frame, by solar time. */
+struct sun_day sky_day(const struct sky_desc *d, uint64_t frame);
+
 /* Sky radiance without the sun's disc in unit direction w (Y up); below the horizon, the lit ground. Continuous in w
  * above the horizon and in the sun's position; never negative. */
 void sky_radiance(const struct sky_state *s, const double w[3], double rgb[3]);

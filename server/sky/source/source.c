@@ -557,6 +557,14 @@ bool source_place(const struct source *s, struct source_place *out)
     return true;
 }
 
+struct sun_day source_place_day(const struct source_place *p)
+{
+    const double degree = PI / 180.0;
+
+    return (struct sun_day){ degree * p->latitude, (int)p->day, .ahead = p->longitude / 15.0 - p->zone,
+                             .turn = -degree * p->north };
+}
+
 bool source_set_moment(struct source *s, uint32_t day, double hour)
 {
     const struct moment *now = moment_now(s);

@@ -138,5 +138,8 @@ struct source_place {
 /* False for other sources. */
 bool source_place(const struct source *s, struct source_place *out);
 
+/* The day of a place, by its standard time. */
+struct sun_day source_place_day(const struct source_place *p);
+
 /* The sky with its current hour; NULL if the source is not a computed sky. The source owns it. */
 const struct sky_desc *source_sky(const struct source *s);

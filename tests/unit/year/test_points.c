@@ -4,6 +4,7 @@
 #include "scene/geometry/gbuffer.h"
 #include "scene/surface/scatter.h"
 #include "support/unit.h"
+#include "light/estimators/sunlight.h"
 #include "year/points.h"
 
 #include <unistd.h>

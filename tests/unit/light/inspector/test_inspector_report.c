@@ -131,6 +131,37 @@ static void a_report_adds_up(void **state)
     stand_finish(&s);
 }
 
+/* A letter for each five minutes of the day: the nights are the rest, and nobody sees the sun at night. At the pole,
+ * one long day. */
+static void a_report_has_the_day_of_the_sun(void **state)
+{
+    struct stand s = stand_make(sky_constant(64, 32, 0.5f));
+    const struct relight_desc light = { .direct = { .method = METHOD_MIS, .samples = 16 } };
+    (void)state;
+
+    for (int pole = 0; pole < 2; pole++) {
+        const struct sun_day day = { .latitude = pole ? 0.5 * PI : 0.0, .day = 172, .solar = true };
+        size_t size, letters[256] = { 0 };
+        json_t *j = report(&s, &light, &(struct inspect_request){ .x = 20, .y = 33, .day = &day }, NULL, &size);
+        const json_t *sun = json_object_get(j, "sunlight");
+        const char *shares = json_string_value(json_object_get(sun, "shares"));
+        const double hours = json_number_value(json_object_get(sun, "hours")),
+                     daylight = json_number_value(json_object_get(sun, "daylight"));
+        assert_int_equal(strlen(shares), 288);
+        assert_int_equal(strspn(shares, "0123456789-"), 288);
+        for (const char *c = shares; *c; c++)
+            letters[(unsigned char)*c]++;
+        assert_true(fabs(daylight - (pole ? 24.0 : 12.0)) < 0.1);
+        assert_true(fabs((288 - (double)letters['-']) / 12.0 - daylight) < 1e-3);
+        assert_true(hours > 1.0 && hours <= daylight && letters['9'] > 0);
+        json_decref(j);
+        j = report(&s, &light, &(struct inspect_request){ .x = 20, .y = 33 }, NULL, &size);
+        assert_true(json_is_null(json_object_get(j, "sunlight")));
+        json_decref(j);
+    }
+    stand_finish(&s);
+}
+
 /* The classes of the image, whose shares add up to 1; with the preset there is no pixel to divide. */
 static void a_report_divides_the_light(void **state)
 {
@@ -244,9 +275,9 @@ static void flags_are_read_or_refused(void **state)
 }
 
 static const struct CMUnitTest tests[] = {
-    cmocka_unit_test(the_largest_report_fits),    cmocka_unit_test(a_report_adds_up),
-    cmocka_unit_test(a_report_divides_the_light), cmocka_unit_test(the_sky_alone_is_that_of_a_report),
-    cmocka_unit_test(flags_are_read_or_refused),
+    cmocka_unit_test(the_largest_report_fits),           cmocka_unit_test(a_report_adds_up),
+    cmocka_unit_test(a_report_divides_the_light),        cmocka_unit_test(a_report_has_the_day_of_the_sun),
+    cmocka_unit_test(the_sky_alone_is_that_of_a_report), cmocka_unit_test(flags_are_read_or_refused),
 };
 
 UNIT_MAIN(tests)

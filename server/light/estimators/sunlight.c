@@ -1,12 +1,15 @@
-#include "year/points.h"
+#include "light/estimators/sunlight.h"
 
+#include "base/denormals.h"
 #include "base/luminance.h"
-#include "base/vec.h"
+#include "base/rng.h"
 #include "scene/geometry/coverage.h"
+#include "scene/geometry/lane_rays.h"
 #include "scene/geometry/scatter_hit.h"
 #include "sky/daylight/sun.h"
 
 #include <math.h>
+#include <string.h>
 
 #define NEAR 1e-4f    /* m: a sensor on a surface does not meet it */
 #define LAYERS_MAX 32 /* panes and partly transparent surfaces of a ray */
@@ -95,23 +98,97 @@ static double seen(const struct rays *rays, const struct ray16 *directions, cons
     return (double)open / PACKET;
 }
 
+double sunlight_share(const struct scene *scene, const struct rays *rays, const struct sensor *at, const double sun[3])
+{
+    struct ray16 directions;
+
+    if (!(sun[1] > 0.0 && at->normal.x * sun[0] + at->normal.y * sun[1] + at->normal.z * sun[2] > 0.0))
+        return 0.0;
+    fill_directions(sun, &directions);
+    const double share = seen(rays, &directions, at);
+    return has_thin_glass(scene) ? seen_through(scene, rays, &directions, at, share) : share;
+}
+
 void sunlight_lux(const struct scene *scene, const struct rays *rays, const struct sensor *sensors, size_t count,
                   const double sun[3], double normal_lux, float *lux)
 {
-    const bool thin_glass = has_thin_glass(scene);
-    struct ray16 directions;
-
-    fill_directions(sun, &directions);
 #pragma omp parallel for schedule(dynamic, 16)
     for (size_t i = 0; i < count; i++) {
         const struct vec3 n = sensors[i].normal;
         const double cosine = n.x * sun[0] + n.y * sun[1] + n.z * sun[2];
-        lux[i] = 0.0f;
-        if (!(normal_lux > 0.0 && sun[1] > 0.0 && cosine > 0.0))
-            continue;
-        double share = seen(rays, &directions, &sensors[i]);
-        if (thin_glass)
-            share = seen_through(scene, rays, &directions, &sensors[i], share);
-        lux[i] = (float)(normal_lux * cosine * share);
+        lux[i] = normal_lux > 0.0 && cosine > 0.0
+                     ? (float)(normal_lux * cosine * sunlight_share(scene, rays, &sensors[i], sun))
+                     : 0.0f;
+    }
+}
+
+/* ---- Hours ---- */
+
+#define PLACES 256 /* of the disc */
+
+/* Towards a place of the disc, at a moment of the step. */
+static void aim(const struct sun_step *s, uint64_t number, struct lanes d[3])
+{
+    struct rng random = { number };
+    double r;
+
+    LANES(l)
+    {
+        const float at = (float)rng_next(&random);
+        const int place = (int)(PLACES * rng_next(&random));
+        const struct vec3 w = vec3_normalize(vec3_make(s->from[0] + at * (s->to[0] - s->from[0]),
+                                                       s->from[1] + at * (s->to[1] - s->from[1]),
+                                                       s->from[2] + at * (s->to[2] - s->from[2])));
+        const struct vec3 to = vec3_add(w, spiral_place(w, SUN_RADIUS, place, PLACES, &r));
+        d[0].v[l] = to.x;
+        d[1].v[l] = to.y;
+        d[2].v[l] = to.z;
+    }
+}
+
+/* The lanes of a packet that see the sky along d. */
+static void see(const struct rays *rays, const struct shade_packet *p, const struct lane_pixels *pixels,
+                uint32_t number, const struct lanes d[3], struct ray16 *ray, int32_t valid[PACKET])
+{
+    uint32_t place[PACKET];
+    int32_t any = 0;
+
+    LANES(l)
+    {
+        const float shading = p->ns_x[l] * d[0].v[l] + p->ns_y[l] * d[1].v[l] + p->ns_z[l] * d[2].v[l];
+        const float geometric = p->ng_x[l] * d[0].v[l] + p->ng_y[l] * d[1].v[l] + p->ng_z[l] * d[2].v[l];
+        valid[l] = shading > 0.0f && geometric > 0.0f && d[1].v[l] > 0.0f ? p->valid[l] : 0;
+        any |= valid[l];
+        place[l] = lanes_place(number + (uint32_t)l);
+    }
+    lanes_aim(d, ray);
+    lanes_start(p, pixels, place, ray);
+    if (any)
+        rays_occluded16(rays, RAYS_TOGETHER, valid, ray);
+    LANES(l) valid[l] = ray->tfar[l] > 0.0f ? valid[l] : 0;
+}
+
+void sunlight_hours(const struct gbuffer *g, const struct rays *rays, const struct sun_step *steps, size_t count,
+                    struct progress *line, float *hours)
+{
+#pragma omp parallel for schedule(dynamic, 16)
+    for (uint32_t k = 0; k < g->packet_count; k++) {
+        const struct shade_packet *p = &g->packets[k];
+        float *sum = hours + (size_t)k * PACKET;
+        _Alignas(64) int32_t valid[PACKET];
+        const unsigned before = denormals_flush();
+        struct lane_pixels pixels;
+        struct lanes d[3];
+        struct ray16 ray;
+        lobes_rays(p, &ray);
+        lanes_pixels(p, &pixels);
+        memset(sum, 0, PACKET * sizeof(*sum));
+        for (size_t i = 0; i < count; i++) {
+            aim(&steps[i], rng_mix(k, i), d);
+            see(rays, p, &pixels, (uint32_t)i, d, &ray, valid);
+            LANES(l) sum[l] += valid[l] ? steps[i].hours : 0.0f;
+        }
+        denormals_restore(before);
+        progress_step(line, 1);
     }
 }
