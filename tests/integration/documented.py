@@ -47,7 +47,7 @@ for i, a in enumerate(args):
         args[i] = a + ("" if a == "sky:" else ",") + "size=128x64"
     if i and args[i - 1] in few and not (args[i - 1] == "--size" and "--probe" in args):
         args[i] = few[args[i - 1]]
-    if a.startswith("epw:") and "--annual" in args:
+    if a.startswith("epw:") and {"--annual", "--sun-hours"} & set(args):
         args[i] = a + ",days=06-21"
     if i and args[i - 1] == "--frames" and "-" in a:
         args[i] = a.split("-")[0] + "-" + str(int(a.split("-")[0]) + 1)

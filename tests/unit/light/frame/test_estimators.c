@@ -31,7 +31,7 @@ static const struct technique of_all_skies[] = {
     { "mis, sun, compensated", .count = 256, .direct = { .method = MIS, .sun = true, .compensate = COMPENSATE_ON } },
     { "mis, compensated, scattered", .count = 192,
       .direct = { .method = MIS, .compensate = COMPENSATE_ON, .scatter = true } },
-    { "auto, cells 4, scattered", .count = 128, .direct = { .method = METHOD_AUTO, .cells = 4, .scatter = true } },
+    { "auto, cells 4, scattered", .count = 256, .direct = { .method = METHOD_AUTO, .cells = 4, .scatter = true } },
     { "latlong", .count = 384, .direct = { .method = METHOD_LATLONG }, .allowed = 0.01 },
     { "latlong-rows", .count = 1536, .direct = { .method = METHOD_LATLONG_ROWS }, .allowed = 0.01 },
 };

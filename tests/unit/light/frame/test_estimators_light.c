@@ -209,7 +209,7 @@ static void assert_built_in_sides_agree(void (*before)(struct world *), void (*a
     if (after)
         after(&w);
     world_look(&w, 32, 18);
-    world_sky(&w, "sky:turbidity=9");
+    world_sky(&w, "sky:date=06-20,turbidity=9");
     const struct estimate want = measure(&w, &path);
     assert_technique_agrees(&w, &light, &want);
     world_finish(&w);
