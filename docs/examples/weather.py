@@ -16,7 +16,7 @@ DAYS = [31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31]
 
 def sun_altitude(latitude, longitude, zone, day, clock):
     """Sine of the sun's altitude [Spencer 1971]."""
-    g = 2 * math.pi * (day - 1 + (clock - 12) / 24) / 365
+    g = 2 * math.pi * (day - 1 + 1.15 + (clock - 12) / 24) / 365  # as server/sky/daylight/sun.c
     declination = (0.006918 - 0.399912 * math.cos(g) + 0.070257 * math.sin(g) - 0.006758 * math.cos(2 * g)
                    + 0.000907 * math.sin(2 * g) - 0.002697 * math.cos(3 * g) + 0.00148 * math.sin(3 * g))
     minutes = 229.18 * (0.000075 + 0.001868 * math.cos(g) - 0.032077 * math.sin(g)
