@@ -107,8 +107,8 @@ async def push(producer, number):
 
 async def pictures(folder, asks):
     """The pictures of twelve frames with independent noise, by number; asks: a probe is sent with each."""
-    async with Daemon("--source", "push:", *WAY, "--edge-rays", "1", "--reseed", "--converge", "off") as daemon, connect(daemon.url) as link, \
-            connect(daemon.url) as producer:
+    async with Daemon("--source", "push:", *WAY, "--edge-rays", "1", "--reseed", "--converge", "off", "--between", "off") as daemon, \
+            connect(daemon.url) as link, connect(daemon.url) as producer:  # on a busy machine the skies come slowly
         asking = Asking(link)
         await asking.greet("exr_float")
         for k in range(1, 13):
