@@ -95,7 +95,7 @@ export function rows(answer, unit = UNIT) {
 const duration = (hours) => `${Math.floor(Math.round(60 * hours) / 60)}\u00a0h ${Math.round(60 * hours) % 60}\u00a0min`;
 
 // Of the day that the sky shows.
-export const sunWords = ({ hours, daylight }) => `The sun shines here for ${duration(hours)} of the ${duration(daylight)} between sunrise and sunset.`;
+export const sunWords = ({ hours, daylight }) => `The sun can reach this point for ${duration(hours)} of the ${duration(daylight)} between sunrise and sunset.`;
 
 // The day as a CSS gradient from midnight to midnight: the sun's share in steps, and the night.
 export function sunGradient({ shares }, sun, shade, night) {

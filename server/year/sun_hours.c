@@ -94,7 +94,7 @@ static enum err take_weather(const char *spec, double turn, struct way *w, struc
                  pieces = !e && fine * (double)d->count > STEPS ? 1.0 : fine;
     for (size_t i = 0; !e && i < d->count && all; i++) {
         const struct moment *m = daylight_moment(d, i);
-        if (m->direct_normal >= SUNSHINE)
+        if (d->sun && m->direct_normal >= SUNSHINE)
             all = add_moment(w, d, m, turn, pieces);
     }
     if (!e)
@@ -120,22 +120,23 @@ static enum err take_way(const struct setup *s, struct way *w, struct reason *wh
 static enum err resolve(const struct gbuffer *g, const float *hours, float *map)
 {
     const size_t points = (size_t)g->packet_count * PACKET, pixels = (size_t)g->width * g->height;
-    float *lo = mem_alloc(3 * points, sizeof(*lo)), *rgb = mem_alloc(6 * pixels, sizeof(*rgb)),
-          *whole = rgb + 3 * pixels;
+    float *lo = mem_alloc(3 * points, sizeof(*lo)), *rgb = mem_alloc(3 * pixels, sizeof(*rgb)),
+          *whole = mem_alloc(3 * pixels, sizeof(*whole));
+    const bool done = lo && rgb && whole;
 
-    for (int turn = 0; turn < 2 && lo && rgb; turn++) {
+    for (int turn = 0; turn < 2 && done; turn++) {
         for (size_t i = 0; i < points; i++)
             for (int c = 0; c < 3; c++)
                 lo[(i / PACKET * 3 + (size_t)c) * PACKET + i % PACKET] = turn ? 1.0f : hours[i];
         resolve_pixels(g, lo, NULL, turn ? whole : rgb);
     }
-    for (size_t i = 0; i < pixels && lo && rgb; i++) {
+    for (size_t i = 0; i < pixels && done; i++) {
         const float all = whole[3 * i] + whole[3 * i + 1] + whole[3 * i + 2];
         map[i] = all > 0.0f ? (rgb[3 * i] + rgb[3 * i + 1] + rgb[3 * i + 2]) / all : NAN;
     }
-    const bool done = lo && rgb;
     mem_free(lo);
     mem_free(rgb);
+    mem_free(whole);
     return done ? ERR_OK : ERR_NOMEM;
 }
 

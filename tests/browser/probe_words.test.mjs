@@ -20,7 +20,7 @@ const direction = () => {
 };
 
 test('a day of sun has its length in words and its parts as a gradient', () => {
-  assert.equal(sunWords({ hours: 8.999, daylight: 15.5 }), 'The sun shines here for 9\u00a0h 0\u00a0min of the 15\u00a0h 30\u00a0min between sunrise and sunset.');
+  assert.equal(sunWords({ hours: 8.999, daylight: 15.5 }), 'The sun can reach this point for 9\u00a0h 0\u00a0min of the 15\u00a0h 30\u00a0min between sunrise and sunset.');
   const parts = sunGradient({ shares: '--0099-3' }, 'sun', 'shade', 'night').match(/(night|color-mix\([^)]*\)) [\d.]+% [\d.]+%/g);
   assert.deepEqual(parts, ['night 0.00% 25.00%', 'color-mix(in srgb, sun 0%, shade) 25.00% 50.00%', 'color-mix(in srgb, sun 100%, shade) 50.00% 75.00%',
     'night 75.00% 87.50%', 'color-mix(in srgb, sun 33%, shade) 87.50% 100.00%']);

@@ -132,6 +132,7 @@ PY
     expect 2 "needs the sun's way over a day or a year" "$render" --sun-hours x.png --source cie:5
     expect 2 "needs the sun's way over a day or a year" "$render" --sun-hours x.png --source sky.exr
     expect 2 'out cannot be used with --sun-hours' "$render" --sun-hours x.png --source sky: --out x.exr
+    expect 2 'probe cannot be used with --sun-hours' "$render" --sun-hours x.png --source sky: --probe 1,1
     expect 1 "$work/x.epw" "$render" --sun-hours "$work/x.epw/x.png" --source sky: --size 16x9
 }
 

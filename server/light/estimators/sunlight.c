@@ -98,26 +98,49 @@ static double seen(const struct rays *rays, const struct ray16 *directions, cons
     return (double)open / PACKET;
 }
 
+/* What all points have in common. */
+struct disc {
+    struct ray16 directions;
+    double sun[3];
+    bool thin_glass;
+};
+
+static struct disc disc_of(const struct scene *scene, const double sun[3])
+{
+    struct disc d = { .sun = { sun[0], sun[1], sun[2] }, .thin_glass = has_thin_glass(scene) };
+
+    fill_directions(sun, &d.directions);
+    return d;
+}
+
+static double share_of(const struct scene *scene, const struct rays *rays, const struct disc *d,
+                       const struct sensor *at)
+{
+    const struct vec3 n = at->normal;
+
+    if (!(d->sun[1] > 0.0 && n.x * d->sun[0] + n.y * d->sun[1] + n.z * d->sun[2] > 0.0))
+        return 0.0;
+    const double share = seen(rays, &d->directions, at);
+    return d->thin_glass ? seen_through(scene, rays, &d->directions, at, share) : share;
+}
+
 double sunlight_share(const struct scene *scene, const struct rays *rays, const struct sensor *at, const double sun[3])
 {
-    struct ray16 directions;
-
-    if (!(sun[1] > 0.0 && at->normal.x * sun[0] + at->normal.y * sun[1] + at->normal.z * sun[2] > 0.0))
-        return 0.0;
-    fill_directions(sun, &directions);
-    const double share = seen(rays, &directions, at);
-    return has_thin_glass(scene) ? seen_through(scene, rays, &directions, at, share) : share;
+    const struct disc d = disc_of(scene, sun);
+    return share_of(scene, rays, &d, at);
 }
 
 void sunlight_lux(const struct scene *scene, const struct rays *rays, const struct sensor *sensors, size_t count,
                   const double sun[3], double normal_lux, float *lux)
 {
+    const struct disc d = disc_of(scene, sun);
+
 #pragma omp parallel for schedule(dynamic, 16)
     for (size_t i = 0; i < count; i++) {
         const struct vec3 n = sensors[i].normal;
         const double cosine = n.x * sun[0] + n.y * sun[1] + n.z * sun[2];
         lux[i] = normal_lux > 0.0 && cosine > 0.0
-                     ? (float)(normal_lux * cosine * sunlight_share(scene, rays, &sensors[i], sun))
+                     ? (float)(normal_lux * cosine * share_of(scene, rays, &d, &sensors[i]))
                      : 0.0f;
     }
 }

@@ -196,9 +196,9 @@ static enum err print_inspection(struct render *r, struct reason *why)
     struct inspect_request q = *r->desc.inspection;
     struct probe_lamps lamps = { .scale = r->desc.setup.initial.lamps };
     const struct sky_desc *sky = source_sky(r->source);
-    struct source_place place = { .day = 1 };
+    struct source_place place = { .day = 0 };
     const bool placed = source_place(r->source, &place);
-    const struct sun_day day = sky ? sky_day(sky, r->environment->number) : source_place_day(&place);
+    const struct sun_day day = sky ? sky_day(sky, r->environment->number) : place.sun_day;
 
     q.day = sky || placed ? &day : NULL;
     relight_lamps_pixel(r->lamps, q.x, q.y, lamps.rgb);

@@ -244,7 +244,9 @@ static enum err read_out(const struct command *c, struct request *r, struct reas
         for (size_t k = 0; k < sizeof(others) / sizeof(others[0]); k++)
             if (command_get(c, others[k]))
                 return err_say(why, ERR_USAGE, "--%s cannot be used with --sun-hours", others[k]);
-        return r->annual.folder ? err_say(why, ERR_USAGE, "--annual cannot be used with --sun-hours") : ERR_OK;
+        return r->annual.folder ? err_say(why, ERR_USAGE, "--annual cannot be used with --sun-hours")
+               : r->probing     ? err_say(why, ERR_USAGE, "--probe cannot be used with --sun-hours")
+                                : ERR_OK;
     }
     if (r->annual.folder) {
         for (size_t k = 0; k < sizeof(others) / sizeof(others[0]); k++)

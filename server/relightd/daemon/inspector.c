@@ -43,7 +43,7 @@ static enum err report(struct shade_thread *t, const struct server_inspection *a
     const struct shown_image *shown = &t->refine.shown;
     struct relight_desc light = shown->light;
     const struct ingested *in = shown->in;
-    const struct sun_day day = in->has_sky ? sky_day(&in->sky, in->environment->number) : source_place_day(&in->place);
+    const struct sun_day day = in->has_sky ? sky_day(&in->sky, in->environment->number) : in->place.sun_day;
     const struct inspect_request q = { .x = asked->x,
                                        .y = asked->y,
                                        .samples = asked->samples,

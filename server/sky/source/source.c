@@ -543,8 +543,12 @@ bool source_place(const struct source *s, struct source_place *out)
     if (!m)
         return false;
     const double degrees = 180.0 / PI, azimuth = degrees * atan2(-m->sun[0], m->sun[2]);
+    struct sun_day sun_day = epw_day(&s->daylight->weather, day_of_year(m->month, m->day));
+
+    sun_day.turn = -s->daylight->north;
     *out = (struct source_place){
-        .day = (uint32_t)day_of_year(m->month, m->day),
+        .day = (uint32_t)sun_day.day,
+        .sun_day = sun_day,
         .hour = m->clock,
         .latitude = s->daylight->weather.latitude,
         .longitude = s->daylight->weather.longitude,
@@ -555,14 +559,6 @@ bool source_place(const struct source *s, struct source_place *out)
         .sun_azimuth = azimuth < 0.0 ? azimuth + 360.0 : azimuth,
     };
     return true;
-}
-
-struct sun_day source_place_day(const struct source_place *p)
-{
-    const double degree = PI / 180.0;
-
-    return (struct sun_day){ degree * p->latitude, (int)p->day, .ahead = p->longitude / 15.0 - p->zone,
-                             .turn = -degree * p->north };
 }
 
 bool source_set_moment(struct source *s, uint32_t day, double hour)

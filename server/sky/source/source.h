@@ -28,6 +28,7 @@
 #include "image/codec/frame.h"
 #include "import/decoder/decoder.h"
 #include "sky/between/between.h"
+#include "sky/daylight/sun.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -133,13 +134,11 @@ struct source_place {
     double north;                      /* where north is, degrees from +Z towards -X */
     double units;                      /* of the frame per W sr^-1 m^-2 */
     double sun_elevation, sun_azimuth; /* degrees; azimuth from north over east */
+    struct sun_day sun_day;            /* by `hour`, in the frame */
 };
 
 /* False for other sources. */
 bool source_place(const struct source *s, struct source_place *out);
-
-/* The day of a place, by its standard time. */
-struct sun_day source_place_day(const struct source_place *p);
 
 /* The sky with its current hour; NULL if the source is not a computed sky. The source owns it. */
 const struct sky_desc *source_sky(const struct source *s);
