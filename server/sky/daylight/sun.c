@@ -4,8 +4,8 @@
 
 #include <math.h>
 
-/* Days by which the series of [Spencer 1971] is behind the seasons of 2017 to 2032: so the declination is within 0.09
- * degrees (root mean square) of the almanac's and 0.27 at most, most of it by leap years; without, 0.34 and 0.65. */
+/* Days by which the series of [Spencer 1971] is behind the seasons of 2017 to 2032, of which the almanac's declinations
+ * are nearest so (root mean square). */
 #define SEASON 1.15
 
 /* The time of year as an angle, from noon of 1 January. */

@@ -55,7 +55,7 @@ static void sun_moves_evenly_through_any_year(void **state)
 }
 
 /* It agrees with the suns of computed skies and of weather files [Spencer 1971], which leave out the leap years. A
- * series that is a day off is 0.7 degrees off at the equinoxes. */
+ * series that is a day off, either way, is off by 0.55 and 0.68 degrees. */
 static void sun_is_near_the_sky_s_own(void **state)
 {
     const struct epw weather = { .latitude = 47.0, .longitude = 13.0, .zone = 1.0 };
