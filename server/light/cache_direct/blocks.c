@@ -97,10 +97,11 @@ struct transport *transport_begin(const struct gbuffer *g, const struct rays *ra
 
     if (!t)
         return NULL;
+    pthread_mutex_init(&t->lock, NULL);
     t->gbuffer = g;
     t->rays = desc->no_visibility ? NULL : rays;
     t->kernels = transport_kernels_of(kernels);
-    t->index_bytes = cache_memory_limit(desc->max_bytes) / 8;
+    t->index_bytes = cache_memory_limit(desc->max_bytes) / 16 * 3;
     if (make_blocks(t)) {
         transport_destroy(t);
         return NULL;

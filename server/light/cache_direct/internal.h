@@ -10,6 +10,8 @@
 #include "light/cache_direct/transport.h"
 #include "sky/tables/sky_split.h"
 
+#include <pthread.h>
+
 #define TRANSPORT_ROWS 3    /* those listed above */
 #define TRANSPORT_PACKETS 4 /* of a block, the sharing of V: 64 points */
 #define TRANSPORT_POINTS (TRANSPORT_PACKETS * PACKET)
@@ -131,9 +133,13 @@ struct sun_parts {
 struct transport_sun {
     struct sun_parts parts; /* none: no sun */
     struct sun_parts ahead; /* directions that it may come to next: only keys, tiles and the directions asked for */
+    struct sun_parts later; /* of transport_look_at: likewise */
     /* A cone that contains the whole sun: unit. Too wide a cone: -2 and 2, which all directions meet. */
     float axis[3], cosine, sine;
     float colour[3], flux[3]; /* of the whole sun, as of a part */
+    /* Of the last frame that had a sun: */
+    uint32_t edge; /* texels along an edge of the sky's faces */
+    float radius;  /* from the axis to the farthest texel's middle, radians */
 };
 
 /* A frame's sky for narrow lobes, which look it up texel by texel. */
@@ -283,6 +289,9 @@ struct transport {
     struct transport_sun sun;
     struct sun_index *index;
     uint64_t index_bytes; /* beyond which it forgets tiles that no frame asks for any more */
+    /* Of sun and index, between a frame and transport_look_at, which lets a frame that awaits its turn go first. */
+    pthread_mutex_t lock;
+    atomic_bool awaits;
 };
 
 /* Channel c of the colour that multiplies a row at lane l. */

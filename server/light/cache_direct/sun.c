@@ -11,6 +11,7 @@
  * the block, not on the frames before: neither on their order nor on threads. */
 #include "light/cache_direct/internal.h"
 #include "light/cache_direct/sun_corner.h"
+#include "light/cache_direct/sun_index.h"
 
 #include "base/mem.h"
 #include "base/rng.h"
@@ -18,42 +19,12 @@
 #include "sky/tables/invert.h"
 
 #include <math.h>
-#include <stddef.h>
 #include <stdatomic.h>
 #include <string.h>
 
-#define SUN_GRID 512            /* 0.1 to 0.2 degrees apart; half as many have three times the error in penumbrae */
 #define SUN_GRID_LEAST SKY_EDGE /* of a sun that is as large as the sky */
 #define SUN_AHEAD 8             /* frames in which the directions that a sun comes to next are traced */
 #define SUN_MOST 1024           /* directions of a frame's sun, from which on the grid is coarser */
-
-/* What a block sees of a tile: of each packet, the lanes that see all of it, and those that see a part. The latter
- * have a bit for each direction, of packets one after another. */
-struct sun_view {
-    uint16_t whole[TRANSPORT_PACKETS], parts[TRANSPORT_PACKETS];
-    uint16_t known;                             /* bits of the directions that have been traced */
-    uint16_t bits[TRANSPORT_PACKETS][SUN_TILE]; /* stored only as far as used */
-};
-
-/* The most frequent views. */
-static struct sun_view all_lit = { .whole = { UINT16_MAX, UINT16_MAX, UINT16_MAX, UINT16_MAX } }, all_dark;
-
-struct sun_entry {
-    uint32_t key; /* grid, face, row and column of its tile */
-    struct sun_tile *tile;
-    struct sun_view **views; /* [block_count]; NULL: not looked at yet */
-    uint64_t used;           /* number of the last frame that asked for it */
-};
-
-struct sun_index {
-    struct sun_entry *entries;
-    uint32_t count;
-    size_t capacity;
-    uint64_t frame;
-    _Atomic uint64_t bytes;
-    double place[SUN_TILE][PACKET][2]; /* of each lane's look in a direction's square */
-    struct sun_corners corners;
-};
 
 /* ---- Tiles ---- */
 
@@ -97,65 +68,45 @@ static void fill_tile(const struct sun_index *x, struct sun_tile *t, uint32_t gr
     t->sine = sqrtf(fmaxf(0.0f, 1.0f - least * least)) + 1e-5f;
 }
 
-static bool is_stored(const struct sun_view *v)
-{
-    return v && v != &all_lit && v != &all_dark;
-}
-
-static size_t view_bytes(uint32_t rows)
-{
-    return offsetof(struct sun_view, bits) + rows * sizeof(all_lit.bits[0]);
-}
-
-static void drop_view(struct sun_index *x, struct sun_view **v)
-{
-    if (is_stored(*v)) {
-        uint32_t rows = 0;
-        for (uint32_t k = 0; k < TRANSPORT_PACKETS; k++)
-            rows += (*v)->parts[k] != 0;
-        atomic_fetch_sub(&x->bytes, view_bytes(rows));
-        mem_free(*v);
-    }
-    *v = NULL;
-}
-
-static size_t entry_bytes(const struct transport *t)
-{
-    return sizeof(struct sun_tile) + t->block_count * sizeof(struct sun_view *);
-}
-
 static void drop_entry(struct transport *t, uint32_t at)
 {
     struct sun_index *x = t->index;
     struct sun_entry *e = &x->entries[at];
 
-    for (uint32_t k = 0; e->views && k < t->block_count; k++)
-        drop_view(x, &e->views[k]);
+    sun_views_finish(e->views);
     mem_free(e->views);
     mem_free(e->tile);
     *e = x->entries[--x->count];
-    atomic_fetch_sub(&x->bytes, entry_bytes(t));
+    atomic_fetch_sub(&x->bytes, sizeof(*e->tile) + sizeof(*e->views));
 }
 
-/* Frees what frames have not asked for longest, until a quarter of the limit is free. Not while parts name places. */
-static void make_room(struct transport *t)
+void sun_index_make_room(struct transport *t, uint64_t most, uint64_t since)
 {
     struct sun_index *x = t->index;
 
-    while (x->count > 0 && x->bytes > t->index_bytes / 4 * 3) {
+    while (x->count > 0 && x->bytes > most) {
         uint32_t oldest = 0;
         for (uint32_t k = 1; k < x->count; k++)
             if (x->entries[k].used < x->entries[oldest].used)
                 oldest = k;
+        if (x->entries[oldest].used >= since)
+            return;
         drop_entry(t, oldest);
     }
 }
 
-/* The entry's place, or -1 without memory. */
-static int64_t find_entry(struct transport *t, uint32_t key, uint32_t grid, uint32_t face, uint32_t row,
-                          uint32_t column)
+bool sun_key_is_sound(uint32_t key)
+{
+    const uint32_t grid = key % (2 * SUN_GRID), edge = grid / SUN_EDGE;
+
+    return grid >= SUN_GRID_LEAST && grid <= SUN_GRID && SUN_GRID % grid == 0 &&
+           key / (2 * SUN_GRID) < 6 * edge * edge;
+}
+
+int64_t sun_index_find(struct transport *t, uint32_t key)
 {
     struct sun_index *x = t->index;
+    const uint32_t grid = key % (2 * SUN_GRID), edge = grid / SUN_EDGE, at = key / (2 * SUN_GRID);
 
     for (uint32_t k = 0; k < x->count; k++)
         if (x->entries[k].key == key) {
@@ -165,15 +116,14 @@ static int64_t find_entry(struct transport *t, uint32_t key, uint32_t grid, uint
     if (!mem_reserve(&x->entries, x->count, &x->capacity, sizeof(*x->entries)))
         return -1;
     struct sun_entry *e = &x->entries[x->count];
-    *e = (struct sun_entry){ key, mem_alloc(1, sizeof(*e->tile)), mem_alloc(t->block_count, sizeof(struct sun_view *)),
-                             x->frame };
-    if (!e->tile || !e->views) {
+    *e = (struct sun_entry){ key, mem_alloc(1, sizeof(*e->tile)), mem_alloc(1, sizeof(*e->views)), x->frame };
+    if (!e->tile || !e->views || sun_views_begin(e->views, t->block_count, &x->bytes)) {
         mem_free(e->tile);
         mem_free(e->views);
         return -1;
     }
-    fill_tile(x, e->tile, grid, face, row, column);
-    atomic_fetch_add(&x->bytes, entry_bytes(t));
+    fill_tile(x, e->tile, grid, at / edge / edge, at / edge % edge, at % edge);
+    atomic_fetch_add(&x->bytes, sizeof(*e->tile) + sizeof(*e->views));
     return x->count++;
 }
 
@@ -192,7 +142,7 @@ static struct sun_part *find_part(struct transport *t, struct sun_parts *s, uint
             return &s->at[k];
     if (!mem_reserve(&s->at, s->count, &s->capacity, sizeof(*s->at)))
         return NULL;
-    const int64_t tile = find_entry(t, key, grid, face, row, column);
+    const int64_t tile = sun_index_find(t, key);
     if (tile < 0)
         return NULL;
     memset(&s->at[s->count], 0, sizeof(*s->at));
@@ -212,27 +162,37 @@ static uint32_t square_bit(uint32_t y, uint32_t x)
     return y % SUN_EDGE * SUN_EDGE + x % SUN_EDGE;
 }
 
-/* Spreads a texel's light over the directions whose squares it meets. */
-static enum err spread_texel(struct transport *t, const struct environment *e, uint32_t grid, uint32_t at)
+enum err sun_spread_texel(struct transport *t, struct sun_parts *to, uint32_t n, uint32_t grid, uint32_t at,
+                          const float *rgb)
 {
-    const uint32_t n = e->n, face = at / (n * n), i = at / n % n, j = at % n;
-    const struct texel *x = &e->texels[at];
-    const float above = 1.0f - sky_lower(t->sky.level, rgb_luminance(x->r, x->g, x->b)),
-                rgb[3] = { above * x->r, above * x->g, above * x->b };
+    const uint32_t face = at / (n * n), i = at / n % n, j = at % n;
 
     for (uint32_t y = i * grid / n; y * n < (i + 1) * grid; y++)
         for (uint32_t z = j * grid / n; z * n < (j + 1) * grid; z++) {
-            struct sun_part *p = find_part(t, &t->sun.parts, grid, face, y, z);
+            struct sun_part *p = find_part(t, to, grid, face, y, z);
             if (!p)
                 return ERR_NOMEM;
-            const float solid = (float)cube_shared_solid_angle(n, i, j, grid, y, z);
+            const float solid = rgb ? (float)cube_shared_solid_angle(n, i, j, grid, y, z) : 0.0f;
             const uint32_t k = square_bit(y, z);
             p->asked |= 1u << k;
-            p->weight[k] += solid * rgb_luminance(rgb[0], rgb[1], rgb[2]);
-            for (int c = 0; c < 3; c++)
+            p->weight[k] += rgb ? solid * rgb_luminance(rgb[0], rgb[1], rgb[2]) : 0.0f;
+            for (int c = 0; rgb && c < 3; c++)
                 p->colour[c] += solid * rgb[c];
         }
     return ERR_OK;
+}
+
+static enum err spread_sun(struct transport *t, const struct environment *e, uint32_t grid)
+{
+    enum err result = ERR_OK;
+
+    for (uint32_t k = 0; k < t->sky.sun_count && !result; k++) {
+        const struct texel *x = &e->texels[t->sky.sun[k]];
+        const float above = 1.0f - sky_lower(t->sky.level, rgb_luminance(x->r, x->g, x->b)),
+                    rgb[3] = { above * x->r, above * x->g, above * x->b };
+        result = sun_spread_texel(t, &t->sun.parts, e->n, grid, t->sky.sun[k], rgb);
+    }
+    return result;
 }
 
 static void finish_part(const struct transport *t, const struct environment *e, struct sun_part *p)
@@ -286,6 +246,22 @@ static void sum_parts(const struct transport *t, struct transport_sun *s)
     s->sine = least > SMALL_COSINE ? sqrtf(1.0f - least * least) + 1e-5f : 2.0f;
 }
 
+static void measure_sun(struct transport *t, uint32_t n)
+{
+    struct transport_sun *s = &t->sun;
+    float least = 1.0f, w[3];
+
+    if (!t->sky.sun_count)
+        return;
+    for (uint32_t k = 0; k < t->sky.sun_count; k++) {
+        const uint32_t at = t->sky.sun[k];
+        invert_direction(n, at / (n * n), at / n % n + 0.5, at % n + 0.5, w);
+        least = fminf(least, s->axis[0] * w[0] + s->axis[1] * w[1] + s->axis[2] * w[2]);
+    }
+    s->edge = n;
+    s->radius = acosf(least);
+}
+
 #define SUN_AHEAD_LEAST 0.995f /* cosine of the longest way in so many frames, 6 degrees: a sun that jumps */
 
 /* A moving sun would ask for many new directions in one frame and for none in the next ones. So frames ask early for
@@ -332,7 +308,6 @@ enum err transport_sun_take(struct transport *t, const struct environment *e)
 {
     struct transport_sun *s = &t->sun;
     const float before[3] = { s->axis[0], s->axis[1], s->axis[2] };
-    enum err result = ERR_OK;
     uint32_t grid = SUN_GRID;
 
     s->parts.count = 0;
@@ -341,14 +316,14 @@ enum err transport_sun_take(struct transport *t, const struct environment *e)
     t->index->frame++;
     sun_corners_frame(&t->index->corners, 2 * SUN_AHEAD);
     if (t->index->bytes + t->index->corners.bytes > t->index_bytes)
-        make_room(t);
+        sun_index_make_room(t, t->index_bytes / 4 * 3, UINT64_MAX);
     while (grid > SUN_GRID_LEAST && (uint64_t)t->sky.sun_count * grid * grid > (uint64_t)SUN_MOST * e->n * e->n)
         grid /= 2;
-    for (uint32_t k = 0; k < t->sky.sun_count && !result; k++)
-        result = spread_texel(t, e, grid, t->sky.sun[k]);
+    enum err result = spread_sun(t, e, grid);
     for (uint32_t k = 0; k < s->parts.count && !result; k++)
         finish_part(t, e, &s->parts.at[k]);
     sum_parts(t, s);
+    measure_sun(t, e->n);
     if (!result)
         result = look_ahead(t, grid, before);
     if (result)
@@ -359,7 +334,7 @@ enum err transport_sun_take(struct transport *t, const struct environment *e)
 void transport_sun_forget(struct transport *t, uint32_t block)
 {
     for (uint32_t k = 0; t->index && k < t->index->count; k++)
-        drop_view(t->index, &t->index->entries[k].views[block]);
+        sun_views_forget(t->index->entries[k].views, block);
     if (t->index)
         sun_corners_forget(&t->index->corners, t->blocks[block].first, t->blocks[block].packets);
 }
@@ -375,32 +350,35 @@ void transport_sun_finish(struct transport *t)
     mem_free(t->index);
     mem_free(t->sun.parts.at);
     mem_free(t->sun.ahead.at);
+    mem_free(t->sun.later.at);
     t->index = NULL;
-    t->sun.parts = t->sun.ahead = (struct sun_parts){ .count = 0 };
+    t->sun.parts = t->sun.ahead = t->sun.later = (struct sun_parts){ .count = 0 };
 }
 
 /* ---- Blocks ---- */
 
 /* If the tile's cells are completely visible, or completely occluded, from all of the block's points, sixteen rays
- * to the tile itself must confirm it. NULL: packets must be asked. */
-static struct sun_view *judge_block(const struct transport *t, const struct transport_block *b,
-                                    const struct sun_tile *q, uint64_t *rays)
+ * to the tile itself must confirm it. False: packets must be asked. */
+static bool judge_block(const struct transport *t, const struct transport_block *b, const struct sun_tile *q,
+                        struct sun_view *out, uint64_t *rays)
 {
     struct transport_view view = { 0, 0 };
     uint64_t seen = 0, hidden = 0;
 
+    *out = sun_all_lit;
     if (!t->rays)
-        return &all_lit;
+        return true;
     for (uint32_t k = 0; k < SKY_CELLS / 64; k++) {
         seen |= b->sight->seen[k] & q->cells[k];
         hidden |= b->sight->hidden[k] & q->cells[k];
     }
     if (seen && hidden)
-        return NULL;
+        return false;
     *rays += t->kernels->sun->probe(t->rays, q, &t->gbuffer->packets[b->first], b->packets, &view);
     if (seen && !view.dark)
-        return &all_lit;
-    return !view.lit && !seen ? &all_dark : NULL;
+        return true;
+    *out = sun_all_dark;
+    return !view.lit && !seen;
 }
 
 #define DAPPLED 3 /* lanes of a packet that see a part, from which on the others' corners may agree by chance */
@@ -441,40 +419,22 @@ static void trace_missing(const struct transport *t, const struct transport_bloc
     v->known = (uint16_t)(v->known | missing);
 }
 
-/* A view to keep, with so many rows of bits. NULL without memory. */
-static struct sun_view *keep_view(struct sun_index *x, const struct transport_block *b, const struct sun_view *v,
-                                  uint32_t rows)
+const struct sun_view *sun_look(const struct transport *t, uint32_t block, const struct sun_part *p,
+                                struct sun_view *own, uint64_t *rays)
 {
-    const size_t used = b->packets * sizeof(*v->whole), bytes = view_bytes(rows);
-
-    if (!memcmp(v->whole, all_lit.whole, used))
-        return &all_lit;
-    if (!rows && !memcmp(v->whole, all_dark.whole, used))
-        return &all_dark;
-    struct sun_view *out = mem_alloc_raw(1, bytes);
-    if (out) {
-        memcpy(out, v, bytes);
-        atomic_fetch_add(&x->bytes, bytes);
-    }
-    return out;
-}
-
-/* The block's view of a part's tile. Without memory to keep it, *own. */
-static const struct sun_view *look(const struct transport *t, uint32_t block, const struct sun_part *p,
-                                   struct sun_view *own, uint64_t *rays)
-{
-    struct sun_view **at = &t->index->entries[p->tile].views[block];
+    struct sun_views *views = t->index->entries[p->tile].views;
     const struct sun_tile *q = t->index->entries[p->tile].tile;
     const struct transport_block *b = &t->blocks[block];
+    struct sun_view *v = sun_views_get(views, block);
 
-    if (!*at)
-        *at = judge_block(t, b, q, rays);
-    if (!*at) {
-        const uint32_t rows = judge_packets(t, b, p, own, rays);
-        *at = keep_view(t->index, b, own, rows);
+    if (!v) {
+        uint32_t rows = 0;
+        if (!judge_block(t, b, q, own, rays))
+            rows = judge_packets(t, b, p, own, rays);
+        v = sun_views_put(views, block, own, b->packets, rows);
+        v = v ? v : own;
     }
-    struct sun_view *v = *at ? *at : own;
-    if (is_stored(v))
+    if (v != &sun_all_lit && v != &sun_all_dark)
         trace_missing(t, b, q, p->asked, v, rays);
     return v;
 }
@@ -488,7 +448,7 @@ static void add_parts(const struct transport *t, uint32_t block, uint32_t packet
     for (uint32_t i = 0; i < t->sun.parts.count; i++) {
         const struct sun_part *p = &t->sun.parts.at[i];
         struct sun_view own;
-        const struct sun_view *v = look(t, block, p, &own, rays);
+        const struct sun_view *v = sun_look(t, block, p, &own, rays);
         const uint16_t(*row)[SUN_TILE] = v->bits;
         for (uint32_t k = 0; k < b->packets; k++) {
             const uint16_t *bits = v->parts[k] ? *row++ : NULL;
@@ -512,7 +472,7 @@ uint32_t transport_sun_add(struct transport *t, uint32_t block, float *lo, uint6
 
     for (uint32_t i = 0; i < t->sun.parts.count; i++) {
         struct sun_view own;
-        const struct sun_view *v = look(t, block, &t->sun.parts.at[i], &own, rays);
+        const struct sun_view *v = sun_look(t, block, &t->sun.parts.at[i], &own, rays);
         for (uint32_t k = 0; k < b->packets; k++) {
             lanes[k] = i ? lanes[k] : v->whole[k];
             some |= (uint32_t)((v->whole[k] | v->parts[k]) != 0) << k;
@@ -529,7 +489,7 @@ uint32_t transport_sun_add(struct transport *t, uint32_t block, float *lo, uint6
         add_parts(t, block, some, lo, rays);
     for (uint32_t i = 0; block % SUN_AHEAD == t->index->frame % SUN_AHEAD && i < t->sun.ahead.count; i++) {
         struct sun_view own;
-        look(t, block, &t->sun.ahead.at[i], &own, rays);
+        sun_look(t, block, &t->sun.ahead.at[i], &own, rays);
     }
     return (uint32_t)__builtin_popcount(parts);
 }

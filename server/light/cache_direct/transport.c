@@ -24,6 +24,7 @@ void transport_destroy(struct transport *t)
     mem_free(t->work);
     transport_last_destroy(t->last);
     sky_split_finish(&t->sky);
+    pthread_mutex_destroy(&t->lock);
     mem_free(t);
 }
 
@@ -341,8 +342,8 @@ static enum err begin_frame(struct transport *t, const struct environment *e, co
     return ERR_OK;
 }
 
-enum err transport_shade(struct transport *t, const struct environment *e, const struct transport_frame *frame,
-                         float *lo, struct transport_frame_stats *stats)
+static enum err shade(struct transport *t, const struct environment *e, const struct transport_frame *frame, float *lo,
+                      struct transport_frame_stats *stats)
 {
     struct shading s;
     uint64_t rays = 0;
@@ -374,4 +375,15 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
     stats->sun = t->sky.sun_count;
     stats->share = e->total_energy > 0.0 ? t->sky.sun_energy / e->total_energy : 0.0;
     return ERR_OK;
+}
+
+enum err transport_shade(struct transport *t, const struct environment *e, const struct transport_frame *frame,
+                         float *lo, struct transport_frame_stats *stats)
+{
+    atomic_store(&t->awaits, true);
+    pthread_mutex_lock(&t->lock);
+    atomic_store(&t->awaits, false);
+    const enum err result = shade(t, e, frame, lo, stats);
+    pthread_mutex_unlock(&t->lock);
+    return result;
 }

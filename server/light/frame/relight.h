@@ -16,6 +16,7 @@
 #include "scene/geometry/rays.h"
 #include "scene/geometry/scene.h"
 #include "scene/geometry/view.h"
+#include "sky/daylight/sun.h"
 #include "sky/tables/environment.h"
 
 #include <stdbool.h>
@@ -92,6 +93,8 @@ struct relight_desc {
     uint64_t cache_bytes;                   /* METHOD_CACHED: memory limit of its cache; 0: CACHE_MEMORY_DEFAULT */
     bool cache_if_kept;    /* only load the cache from a file, never compute it; a missing file is not an error */
     bool cache_background; /* compute it while other techniques make images; else the first image waits for it */
+    bool has_sun_day;      /* the sun's way is known, */
+    struct sun_day sun_day; /* in the scene, and asked for ahead in the background */
     const char
         *cache_file; /* file to store it for the next run; "": in the folder (light/cache/cache_file.h), NULL: none */
     const char *cache_dir; /* the cache folder; NULL: the user's or the service's (light/cache/cache_file.h) */

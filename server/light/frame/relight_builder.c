@@ -17,11 +17,24 @@
 #include <omp.h>
 #include <pthread.h>
 #include <stdatomic.h>
+#include <string.h>
 #include <time.h>
 
 enum { QUICK, WHOLE, STAGES }; /* of indirect light */
 
 #define BEHIND_PATHS 16 /* eye paths per point behind mirrors and glass, in each of two halves that are filtered */
+
+#define SEGMENTS 360 /* of a day, of four minutes: a degree of the sun's way */
+#define PLACES 9     /* of the sun along a segment */
+#define TURNS 32     /* in which blocks are asked: a frame waits for some milliseconds at most */
+
+/* Where the sun goes, by the frames' thread. */
+struct aim {
+    struct transport *transport; /* NULL: not known yet */
+    struct sun_day day;
+    float axis[3];  /* of the last frame's sun */
+    uint64_t since; /* number of the frame that began this day */
+};
 
 struct relight_builder {
     const struct prepared_scene *set;
@@ -47,7 +60,10 @@ struct relight_builder {
     struct caustic_store_desc caustics_made;
     atomic_bool cancelled;
     atomic_bool computes; /* files do not hold everything */
-    atomic_bool done;     /* then the next fields are set */
+    pthread_mutex_t lock; /* of the next two */
+    pthread_cond_t aimed;
+    struct aim aim;
+    atomic_bool done; /* then the next fields are set */
     enum err error;
     bool indirect_loaded, indirect_refused;
     struct reason why;
@@ -277,6 +293,130 @@ static void check_memory(struct relight_builder *b, const struct transport *t)
     }
 }
 
+/* ---- The sun's way ---- */
+
+static bool is_same_day(const struct sun_day *a, const struct sun_day *b)
+{
+    return a->day == b->day && a->latitude == b->latitude && a->solar == b->solar && a->ahead == b->ahead &&
+           a->turn == b->turn;
+}
+
+/* False: the builder ends. */
+static bool await_day(struct relight_builder *b, const struct aim *last, struct aim *out)
+{
+    pthread_mutex_lock(&b->lock);
+    while (!is_cancelled(&b->cancelled) &&
+           (!b->aim.transport || (last->transport && is_same_day(&last->day, &b->aim.day))))
+        pthread_cond_wait(&b->aimed, &b->lock);
+    *out = b->aim;
+    pthread_mutex_unlock(&b->lock);
+    return !is_cancelled(&b->cancelled);
+}
+
+/* Follows the last frame's sun. False: the day is over. */
+static bool follow_aim(struct relight_builder *b, struct aim *a)
+{
+    pthread_mutex_lock(&b->lock);
+    const bool same = is_same_day(&a->day, &b->aim.day);
+    memcpy(a->axis, b->aim.axis, sizeof(a->axis));
+    pthread_mutex_unlock(&b->lock);
+    return same && !is_cancelled(&b->cancelled);
+}
+
+static void place_of_segment(const struct aim *a, double segment, double w[3])
+{
+    sun_day_at(&a->day, 24.0 / SEGMENTS * segment, w);
+}
+
+/* The first one that is left from the sun's on. SEGMENTS: none. */
+static uint32_t next_segment(const struct aim *a, const bool *over)
+{
+    double w[3], most = -2.0;
+    uint32_t nearest = 0;
+
+    for (uint32_t k = 0; k < SEGMENTS; k++) {
+        place_of_segment(a, k + 0.5, w);
+        const double c = w[0] * a->axis[0] + w[1] * a->axis[1] + w[2] * a->axis[2];
+        nearest = c > most ? k : nearest;
+        most = fmax(most, c);
+    }
+    for (uint32_t k = 1; k <= SEGMENTS; k++)
+        if (!over[(nearest + k) % SEGMENTS])
+            return (nearest + k) % SEGMENTS;
+    return SEGMENTS;
+}
+
+/* False: the cache's memory is full, or the day is over. */
+static bool look_along_segment(struct relight_builder *b, struct aim *a, uint32_t segment)
+{
+    double w[PLACES][3];
+    bool goes_on = true, room = true;
+
+    for (uint32_t k = 0; k < PLACES; k++)
+        place_of_segment(a, segment + (double)k / (PLACES - 1), w[k]);
+    for (uint32_t turn = 0; goes_on && room && turn < TURNS && w[PLACES / 2][1] > -SUN_RADIUS; turn++) {
+        precedence_give_way(b->urgent);
+        goes_on = follow_aim(b, a);
+        room = !goes_on || transport_look_at(a->transport, w, PLACES, turn, TURNS, a->since);
+    }
+    if (!room)
+        log_info("sun: --cache-memory has no room for all that points see of it on this day; images ask for the rest");
+    return goes_on && room;
+}
+
+/* Asks for what the sun meets on this day, from its next moments on. False: not for all of it. */
+static bool look_along_day(struct relight_builder *b, struct aim *a)
+{
+    const double start = clock_seconds();
+    bool over[SEGMENTS] = { false };
+    uint32_t segment;
+
+    while ((segment = next_segment(a, over)) < SEGMENTS) {
+        if (!look_along_segment(b, a, segment))
+            return false;
+        over[segment] = true;
+    }
+    log_info("sun: what points see of it on this day is known after %.1f s in the background", clock_seconds() - start);
+    return true;
+}
+
+#define MORE_TILES 1.125 /* than in the file, which is then written again; one day is much like the next */
+
+static void follow_sun(struct relight_builder *b)
+{
+    static const char what[] = "sun";
+    struct digest d = { { 0 } };
+    struct relight_keep keep;
+    struct aim last = { .transport = NULL }, now;
+    uint32_t kept = 0;
+
+    digest_bytes(&d, what, sizeof(what));
+    relight_keep_init_paths(&keep, &b->keep, b->set, &b->light, &d);
+    while (await_day(b, &last, &now)) {
+        if (!last.transport && relight_keep_load_sun(&keep, now.transport))
+            kept = transport_sun_tiles(now.transport);
+        if (look_along_day(b, &now) && transport_sun_tiles(now.transport) > MORE_TILES * kept) {
+            relight_keep_save_sun(&keep, now.transport);
+            kept = transport_sun_tiles(now.transport);
+        }
+        last = now;
+    }
+}
+
+void relight_builder_aim(struct relight_builder *b, struct transport *t, const struct sun_day *day)
+{
+    const float *axis = transport_sun_axis(t);
+
+    if (axis[0] == 0.0f && axis[1] == 0.0f && axis[2] == 0.0f) /* night */
+        return;
+    pthread_mutex_lock(&b->lock);
+    if (!b->aim.transport || !is_same_day(&b->aim.day, day))
+        b->aim = (struct aim){ t, *day, { 0.0f }, transport_frames(t) };
+    memcpy(b->aim.axis, axis, sizeof(b->aim.axis));
+    pthread_cond_signal(&b->aimed);
+    pthread_mutex_unlock(&b->lock);
+}
+
 static void *build_main(void *arg)
 {
     struct relight_builder *b = arg;
@@ -304,6 +444,7 @@ static void *build_main(void *arg)
     atomic_store(&b->done, true);
     if (!atomic_load(&b->computes)) /* images have both caches at once, and these paths later */
         build_beside(b);
+    follow_sun(b);
     return NULL;
 }
 
@@ -316,6 +457,8 @@ enum err relight_builder_create(const struct relight_builder_desc *desc, struct 
     *out = NULL;
     if (!b)
         return err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
+    pthread_mutex_init(&b->lock, NULL);
+    pthread_cond_init(&b->aimed, NULL);
     b->set = desc->set;
     b->kernels = desc->kernels;
     b->light = *desc->light;
@@ -346,7 +489,10 @@ void relight_builder_destroy(struct relight_builder *b)
 {
     if (!b)
         return;
+    pthread_mutex_lock(&b->lock);
     atomic_store(&b->cancelled, true);
+    pthread_cond_signal(&b->aimed);
+    pthread_mutex_unlock(&b->lock);
     if (b->live)
         transport_live_cancel(b->live);
     if (b->started)
@@ -356,6 +502,8 @@ void relight_builder_destroy(struct relight_builder *b)
     caustic_store_destroy(atomic_load(&b->caustics));
     for (int k = 0; k < 2; k++)
         eye_store_destroy(b->behind[k]);
+    pthread_cond_destroy(&b->aimed);
+    pthread_mutex_destroy(&b->lock);
     mem_free(b);
 }
 

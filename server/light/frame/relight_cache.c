@@ -196,7 +196,7 @@ static enum err load_or_make(struct relight_cache *c, const struct prepared_scen
     }
     const struct relight_builder_desc rest = { set, kernels, desc, &t, &c->keep, c->transport };
     if (!e && desc->cache_background &&
-        (!c->transport || relight_indirect_wanted(set, desc) || beside_wanted(set, desc)))
+        (!c->transport || desc->has_sun_day || relight_indirect_wanted(set, desc) || beside_wanted(set, desc)))
         e = begin(c, &rest, why);
     return e;
 }

@@ -67,6 +67,11 @@ bool relight_keep_load_paths(struct relight_keep *k, const struct prepared_scene
                              struct relight_paths *p);
 void relight_keep_save_paths(struct relight_keep *k, const struct relight_paths *p);
 
+/* The file of what points see of the sun, which lies there too, and whose place relight_keep_init_paths names: adds it
+ * to t, false if there is none; and stores it. */
+bool relight_keep_load_sun(struct relight_keep *k, struct transport *t);
+void relight_keep_save_sun(struct relight_keep *k, struct transport *t);
+
 struct relight_builder;
 
 /* ---- Indirect light ---- */
@@ -281,6 +286,10 @@ struct relight_stages {
 
 /* The share of all, at most 0.99. */
 double relight_share(const struct relight_stages *s);
+
+/* After a frame by the finished cache t: the builder asks ahead for what its points see of the sun on this day, from
+ * where it stood in that frame (transport_look_at). */
+void relight_builder_aim(struct relight_builder *b, struct transport *t, const struct sun_day *day);
 
 /* The computed share, 0 to 1; 1 only when complete. See relight.h for RELIGHT_COARSE and RELIGHT_DIRECT. */
 double relight_builder_share(const struct relight_builder *b);

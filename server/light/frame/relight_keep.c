@@ -1,6 +1,7 @@
 #include "light/frame/relight_cache.h"
 
 #include "base/log.h"
+#include "base/mem.h"
 #include "light/cache/cache_file.h"
 #include "light/cache/cache_share.h"
 #include "light/cache_direct/transport.h"
@@ -249,4 +250,44 @@ void relight_keep_save_paths(struct relight_keep *k, const struct relight_paths 
     for (int i = 0; i < 2; i++)
         bytes += p->behind[i] ? eye_store_stats(p->behind[i])->bytes : 0;
     store(k, "caustics", bytes, add_paths, &all);
+}
+
+/* ---- The sun's way ---- */
+
+bool relight_keep_load_sun(struct relight_keep *k, struct transport *t)
+{
+    struct cache_reader *r;
+    struct reason why;
+    enum err e = open_file(k, &r, &why);
+
+    if (!e && !r)
+        return false;
+    e = e ? e : transport_load_sun(t, r, &k->key, &why);
+    cache_reader_close(r);
+    if (e && refuse(k, e, "way of the sun", &why))
+        log_warning("%s: %s", k->place.path, why.text);
+    if (!e)
+        cache_folder_touch(k->place.path);
+    return !e;
+}
+
+struct kept_sun { /* what relight_keep_save_sun stores */
+    const struct relight_keep *keep;
+    struct transport_sun_copy copy;
+};
+
+static void add_sun(const void *context, struct cache_writer *w)
+{
+    const struct kept_sun *c = context;
+
+    transport_save_sun(&c->copy, &c->keep->key, w);
+}
+
+void relight_keep_save_sun(struct relight_keep *k, struct transport *t)
+{
+    struct kept_sun all = { .keep = k };
+
+    if (k->place.path[0] && !k->unwritable && !transport_copy_sun(t, &all.copy))
+        store(k, "the sun's way", all.copy.size, add_sun, &all);
+    mem_free(all.copy.bytes);
 }

@@ -246,6 +246,8 @@ static enum err light_by_cache(struct frame_run *f, const struct relight_desc *d
         frame.indirect = relight_indirect_take(&c->indirect, stats);
     if (!result)
         result = transport_shade(c->transport, f->e, &frame, lo, &stats->cache_frame);
+    if (!result && desc->has_sun_day && c->builder && relight_cache_is_settled(c))
+        relight_builder_aim(c->builder, c->transport, &desc->sun_day);
     stats->cache = *transport_stats(c->transport);
     stats->cache_loaded = c->loaded;
     stats->direct.rays += stats->cache_frame.rays;

@@ -30,6 +30,9 @@ static struct relight_desc describe_light(struct shade_thread *t, const struct i
     desc.direct.cancel = in->ticket.lockstep ? t->shared->stop : &t->shared->watch.cancel;
     desc.direct.why = why;
     desc.audit = in->ticket.lockstep ? 0.0 : AUDIT_SHARE;
+    desc.has_sun_day = in->has_sky || in->has_place;
+    desc.sun_day = in->has_sky ? sky_day(&in->sky, in->environment->number) : in->place.sun_day;
+    desc.sun_day.turn += in->environment->rotation;
     desc.audit_live = true;
     desc.audit_most = AUDIT_MOST;
     /* --cache-wait is for the method of the command line: no controller can make others wait for a cache. */

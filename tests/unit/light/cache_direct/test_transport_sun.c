@@ -1,8 +1,13 @@
 /* The sun of a sky: its light where nothing hides it, the parts that points see, and what is kept of them. */
 #include "light/cache_direct/internal.h"
+#include "light/cache_direct/sealed.h"
+#include "light/cache_direct/sun_index.h"
 #include "light/cache_direct/transports.h"
 #include "light/estimators/worlds.h"
 #include "light/estimators/levels.h"
+#include "scene/geometry/files.h"
+
+#include <pthread.h>
 
 #define TOLERANCE 1e-4 /* of the light of a surface that faces the sun */
 #define CUT_TOLERANCE 1e-3
@@ -367,7 +372,217 @@ static void a_moving_sun_asks_for_a_little_in_each_frame(void **state)
     shadow_finish(&s);
 }
 
+/* ---- Asked ahead, and kept ---- */
+
+enum { PLACES = 9 };
+
+/* Where the sun is between `degrees` - 0.4 and + 0.4, by frames of a cache of their own; the light of `degrees` in
+ * s->want. Returns that frame's rays. */
+static uint64_t places_at(const struct shadow *s, double degrees, double w[PLACES][3])
+{
+    struct transport *t = transport_of(s->gbuffer, s->world.rays, &(struct transport_desc){ .per_cell = 1 });
+    const uint64_t rays = shadow_shade(s, t, degrees, s->want).rays;
+
+    for (int k = 0; k < PLACES; k++) {
+        shadow_shade(s, t, degrees + 0.1 * (k - PLACES / 2), s->lo);
+        for (int i = 0; i < 3; i++)
+            w[k][i] = transport_sun_axis(t)[i];
+    }
+    transport_destroy(t);
+    return rays;
+}
+
+static bool look_ahead(struct transport *t, const double w[PLACES][3])
+{
+    bool room = true;
+
+    for (uint32_t turn = 0; turn < 3 && room; turn++)
+        room = transport_look_at(t, w, PLACES, turn, 3, transport_frames(t));
+    return room;
+}
+
+static void assert_costs_no_rays(const struct shadow *s, struct transport *t, double degrees, uint64_t alone)
+{
+    const uint64_t rays = shadow_shade(s, t, degrees, s->lo).rays;
+
+    printf("%.0f rays, %.0f without\n", (double)rays, (double)alone);
+    assert_true(alone > 10000 && rays * 100 <= alone);
+    assert_memory_equal(s->lo, s->want, (size_t)s->gbuffer->packet_count * 3 * PACKET * sizeof(float));
+}
+
+/* A frame whose sun has been asked for ahead traces none of its rays, and has the bits of one that traces all: by day
+ * and after a jump, at the zenith and low. A place off by a degree leaves nearly all of them. */
+static void what_is_asked_ahead_costs_frames_no_rays(void **state)
+{
+    struct shadow s = shadow_make();
+    double w[PLACES][3];
+    (void)state;
+
+    for (int k = 0; k < 3; k++) {
+        const double degrees = 25.0 * (k + 1);
+        shadow_shade(&s, s.transport, 0.0, s.lo);
+        const uint64_t alone = places_at(&s, degrees, w);
+        assert_true(look_ahead(s.transport, w));
+        assert_costs_no_rays(&s, s.transport, degrees, alone);
+        assert_true(shadow_shade(&s, s.transport, degrees + 12.0, s.lo).rays > alone / 2);
+    }
+    shadow_finish(&s);
+}
+
+/* Nothing is asked before a frame has shown how large the sun is; and what is full takes no more
+ * than it may, but what earlier days asked for gives way. */
+static void asking_ahead_keeps_to_its_memory(void **state)
+{
+    struct shadow s = shadow_make();
+    double w[PLACES][3];
+    (void)state;
+
+    places_at(&s, 25.0, w);
+    assert_false(look_ahead(s.transport, w));
+    shadow_shade(&s, s.transport, 0.0, s.lo);
+    s.transport->index_bytes = 400000; /* of some thirty tiles */
+    int asked = 0;
+    while (asked < 40 && look_ahead(s.transport, w))
+        places_at(&s, 25.0 + 2.0 * ++asked, w);
+    const uint32_t full = transport_sun_tiles(s.transport);
+    printf("%d places of %u tiles\n", asked, full);
+    assert_true(asked >= 2 && asked < 40);
+    assert_true(s.transport->index->bytes <= 400000);
+    shadow_shade(&s, s.transport, 0.0, s.lo); /* another day begins, and the last one's tiles may go */
+    assert_true(look_ahead(s.transport, w));
+    assert_true(transport_sun_tiles(s.transport) <= full);
+    shadow_finish(&s);
+}
+
+/* What `from` knows of suns, as the file's bytes. */
+static void store_sun(struct transport *from, const char *path, const struct digest *key)
+{
+    struct transport_sun_copy copy;
+    struct cache_writer *w = cache_writer_create();
+    struct reason why = { "" };
+
+    assert_int_equal(transport_copy_sun(from, &copy), ERR_OK);
+    transport_save_sun(&copy, key, w);
+    assert_int_equal(cache_writer_store(w, path, &why), ERR_OK);
+    cache_writer_destroy(w);
+    mem_free(copy.bytes);
+}
+
+static enum err load_sun(struct transport *t, const char *path, const struct digest *key)
+{
+    struct cache_reader *r = NULL;
+    struct reason why = { "" };
+    enum err e = cache_reader_open(path, &r, &why);
+
+    e = e ? e : transport_load_sun(t, r, key, &why);
+    cache_reader_close(r);
+    assert_true(!e || strstr(why.text, path));
+    return e;
+}
+
+/* Another run has what is kept without a ray. A file cut or with a flipped bit, of another scene, or with impossible
+ * places under a right checksum is refused, and leaves the light as it is. */
+static void what_points_see_of_the_sun_is_kept_in_a_file(void **state)
+{
+    const struct digest key = { { 1 } }, other = { { 2 } };
+    struct shadow s = shadow_make();
+    struct folder folder;
+    double w[PLACES][3];
+    char path[256];
+    size_t size;
+    (void)state;
+
+    folder_make(&folder);
+    snprintf(path, sizeof(path), "%s", folder_write(&folder, "sun", "", 0));
+    shadow_shade(&s, s.transport, 0.0, s.lo);
+    const uint64_t alone = places_at(&s, 25.0, w);
+    assert_true(look_ahead(s.transport, w));
+    store_sun(s.transport, path, &key);
+    uint8_t *bytes = sealed_read(path, &size);
+    struct transport *t = transport_of(s.gbuffer, s.world.rays, &(struct transport_desc){ .per_cell = 1 });
+    shadow_shade(&s, t, 50.0, s.lo);
+    assert_int_equal(load_sun(t, path, &other), ERR_UNSUPPORTED);
+    for (size_t at = 0; at < size; at += 1 + size / 97) {
+        folder_write(&folder, "sun", bytes, at);
+        assert_int_equal(load_sun(t, path, &key), ERR_FORMAT);
+        bytes[at] ^= (uint8_t)(1u << at % 8);
+        folder_write(&folder, "sun", bytes, size);
+        assert_int_equal(load_sun(t, path, &key), ERR_FORMAT);
+        bytes[at] ^= (uint8_t)(1u << at % 8);
+    }
+    const size_t first = SEALED_HEADER + SEALED_ENTRY + 4; /* a key, the units used, places */
+    for (int k = 0; k < 3; k++) {
+        uint8_t before[4];
+        memcpy(before, bytes + first + 4 * k, sizeof(before));
+        set_number(bytes + first + 4 * k, UINT32_MAX - 8);
+        seal(bytes, size);
+        folder_write(&folder, "sun", bytes, size);
+        assert_int_equal(load_sun(t, path, &key), ERR_FORMAT);
+        memcpy(bytes + first + 4 * k, before, sizeof(before));
+    }
+    assert_true(shadow_shade(&s, t, 25.0, s.lo).rays > alone / 2);
+    transport_destroy(t);
+    t = transport_of(s.gbuffer, s.world.rays, &(struct transport_desc){ .per_cell = 1 });
+    shadow_shade(&s, t, 50.0, s.lo);
+    seal(bytes, size);
+    folder_write(&folder, "sun", bytes, size);
+    assert_int_equal(load_sun(t, path, &key), ERR_OK);
+    assert_costs_no_rays(&s, t, 25.0, alone);
+    transport_destroy(t);
+    mem_free(bytes);
+    folder_remove(&folder);
+    shadow_finish(&s);
+}
+
+static atomic_bool over;
+
+/* Frames and the asking ahead on two threads, in so little memory that tiles come and go all the time: the frames have
+ * the bits that they have alone. */
+static void *ask_all_the_time(void *stage)
+{
+    const struct shadow *s = stage;
+    double w[1][3];
+
+    for (uint32_t k = 0; !atomic_load(&over); k++) {
+        const double a = 0.01 * k;
+        w[0][0] = cos(a);
+        w[0][1] = 0.6;
+        w[0][2] = sin(a);
+        for (int i = 0; i < 3; i++)
+            w[0][i] /= sqrt(1.36);
+        transport_look_at(s->transport, (const double(*)[3])w, 1, k % 4, 4, UINT64_MAX);
+    }
+    return NULL;
+}
+
+static void frames_and_asking_ahead_do_not_disturb_each_other(void **state)
+{
+    struct shadow s = shadow_make();
+    const size_t bytes = (size_t)s.gbuffer->packet_count * 3 * PACKET * sizeof(float);
+    struct transport *alone = transport_of(s.gbuffer, s.world.rays, &(struct transport_desc){ .per_cell = 1 });
+    pthread_t thread;
+    (void)state;
+
+    atomic_store(&over, false);
+    s.transport->index_bytes = 300000;
+    shadow_shade(&s, s.transport, 0.0, s.lo);
+    assert_int_equal(pthread_create(&thread, NULL, ask_all_the_time, &s), 0);
+    for (int k = 0; k < 16; k++) {
+        shadow_shade(&s, s.transport, 3.0 * k, s.lo);
+        shadow_shade(&s, alone, 3.0 * k, s.want);
+        assert_memory_equal(s.lo, s.want, bytes);
+    }
+    atomic_store(&over, true);
+    pthread_join(thread, NULL);
+    transport_destroy(alone);
+    shadow_finish(&s);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(what_is_asked_ahead_costs_frames_no_rays),
+    cmocka_unit_test(asking_ahead_keeps_to_its_memory),
+    cmocka_unit_test(what_points_see_of_the_sun_is_kept_in_a_file),
+    cmocka_unit_test(frames_and_asking_ahead_do_not_disturb_each_other),
     cmocka_unit_test(an_open_sun_has_the_light_of_its_samples),
     cmocka_unit_test(penumbrae_are_where_they_belong),
     cmocka_unit_test(edges_of_shadows_are_antialiased),

@@ -2,7 +2,9 @@
 #include "light/frame/relight_cache.h"
 #include "light/frame/stage.h"
 #include "scene/geometry/files.h"
+#include "sky/daylight/sky.h"
 
+#include <dirent.h>
 #include <time.h>
 
 /* Loaded where only direct light has room: indirect light is refused for good, so that no image waits for another try,
@@ -64,8 +66,111 @@ static void images_without_room_for_a_cache_are_audited(void **state)
     stage_finish(&s);
 }
 
+/* The computed sky at a place and hour of 21 March. */
+static struct environment *sky_at(double latitude, double hour)
+{
+    struct sky_state state;
+    struct sky_desc d;
+    char spec[128];
+    struct reason why;
+
+    snprintf(spec, sizeof(spec), "date=03-21,latitude=%g,hour=%g", latitude, hour);
+    assert_int_equal(sky_parse(spec, &d, &why), ERR_OK);
+    struct frame f = sky_constant(d.width, d.height, 0.0f);
+    sky_state_at(&d, 0, &state);
+    sky_render(&d, &state, f.rgb);
+    return sky_environment(f, 256, 0.0);
+}
+
+static uint64_t shade_at(const struct relight_cache *c, const struct prepared_scene *set, double latitude, double hour)
+{
+    const struct transport_frame frame = { .end = 0 };
+    struct environment *e = sky_at(latitude, hour);
+    float *lo = mem_alloc(set->gbuffer->packet_count, 3 * PACKET * sizeof(*lo));
+    struct transport_frame_stats stats;
+
+    assert_int_equal(transport_shade(c->transport, e, &frame, lo, &stats), ERR_OK);
+    mem_free(lo);
+    environment_destroy(e);
+    return stats.rays;
+}
+
+static void wait_for_tiles(const struct relight_cache *c, uint32_t count)
+{
+    while (transport_sun_tiles(c->transport) < count)
+        nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
+}
+
+/* Of the cache's files in the folder, which are removed if `removes`. */
+static int count_files(const char *path, bool removes)
+{
+    DIR *d = opendir(path);
+    const struct dirent *f;
+    int count = 0;
+
+    assert_non_null(d);
+    while ((f = readdir(d)) != NULL) {
+        char name[512];
+        snprintf(name, sizeof(name), "%s/%s", path, f->d_name);
+        count += strlen(name) > 10 && strcmp(name + strlen(name) - 10, ".transport") == 0;
+        if (removes && f->d_name[0] != '.')
+            unlink(name);
+    }
+    closedir(d);
+    return count;
+}
+
+static void begin_cache(struct relight_cache *c, const struct prepared_scene *set, const struct relight_desc *light)
+{
+    double ms;
+
+    assert_int_equal(relight_cache_make(c, set, best_kernels(), light, false, &ms), ERR_OK);
+    while (relight_cache_follow(c) < 1.0 || !relight_cache_is_settled(c))
+        nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
+}
+
+/* An image at 9 h tells the builder of the sun's way. It asks for all of the day, so that an image of the afternoon
+ * traces next to nothing, and keeps the answers: another run, whose sun goes another way, has them, too. */
+static void the_suns_way_is_asked_for_and_kept(void **state)
+{
+    const struct sun_day day = { 50.0 * PI / 180.0, 80, .solar = true }, other = { 0.0, 80, .solar = true };
+    struct relight_desc light = { .direct = { .method = METHOD_CACHED, .samples = 16 },
+                                  .classes = PATH_DIRECT,
+                                  .cache_background = true,
+                                  .cache_file = "",
+                                  .has_sun_day = true };
+    struct prepared_scene *set = set_of(&(struct prepared_scene_desc){ .width = 64, .height = 36 });
+    struct relight_cache c = { .transport = NULL };
+    struct folder folder;
+    (void)state;
+
+    folder_make(&folder);
+    light.cache_dir = folder.path;
+    begin_cache(&c, set, &light);
+    const uint64_t first = shade_at(&c, set, 50.0, 9.0);
+    relight_builder_aim(c.builder, c.transport, &day);
+    while (count_files(folder.path, false) < 2)
+        nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
+    const uint32_t kept = transport_sun_tiles(c.transport);
+    const uint64_t known = shade_at(&c, set, 50.0, 14.3), unknown = shade_at(&c, set, 20.0, 14.3);
+    printf("%u tiles; rays at 9 h %.0f, at 14:18 %.0f, on another way %.0f\n", kept, (double)first, (double)known,
+           (double)unknown);
+    assert_true(kept > 300 && first > 10000 && unknown > 10000 && known * 100 < unknown);
+    relight_cache_finish(&c);
+    begin_cache(&c, set, &light);
+    shade_at(&c, set, 0.0, 9.0);
+    relight_builder_aim(c.builder, c.transport, &other);
+    wait_for_tiles(&c, kept);
+    assert_true(shade_at(&c, set, 50.0, 14.3) * 100 < unknown);
+    relight_cache_finish(&c);
+    set_destroy(set);
+    count_files(folder.path, true);
+    folder_remove(&folder);
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(what_has_no_room_is_refused_for_good),
     cmocka_unit_test(images_without_room_for_a_cache_are_audited),
+    cmocka_unit_test(the_suns_way_is_asked_for_and_kept),
 };
 UNIT_MAIN(tests)
