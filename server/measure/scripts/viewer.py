@@ -85,6 +85,14 @@ class Start:
         if refusal():
             raise Failure("the cache is refused: " + refusal())
 
+    def wait_sun(self, patience_s):
+        """Seconds until what points see of the sun on this day is known; None: not within patience, or its way is not known."""
+        def said():
+            return next((s for s, line in self.daemon.lines if "sun: what points see" in line), None)
+
+        self.viewer.run(said, patience_s, self.note)
+        return said()
+
     def go_back(self, coding, on_picture):
         """Subscribes, goes to the first frame, and waits for an image of the first few, or for what a busy machine delivers: of
         a frame before those that had come."""
@@ -225,7 +233,9 @@ def source_rows(bench, scene, size, source, codings, complete, title):
     out = []
     with Start(bench, scene, size, source, "--exposure", view.exposure()) as start:
         start.wait_complete(bench.arguments.patience if complete else AGAIN_S)
-        known = {"kind": "moving sky", "spec": source, "first_s": start.first_s, "complete_s": start.complete_s, "share": start.share}
+        sun_s = start.wait_sun(bench.arguments.patience) if source.startswith("sky:") and start.complete_s else None
+        known = {"kind": "moving sky", "spec": source, "first_s": start.first_s, "complete_s": start.complete_s, "share": start.share,
+                 "sun_s": sun_s}
         for coding in codings:
             bench.say(f"{title}, {coding}: {bench.arguments.seconds:g} s of images")
             out.append({**known, **measure(bench, start, coding)})
@@ -301,7 +311,8 @@ def print_row(row):
           + f" (converged {still['p99_9']}, {still['most']})"
           + (f"\n{'':<29} relMSE {error['rel_mse']:.1e} +- {error['standard_error']:.0e}, surfaces {error['rel_mse_surfaces']:.1e}, "
              f"mean {error['mean_ratio']:.3f}, FLIP {error['flip']:.3f} (halves {error['flip_halves']:.3f})" if error else "")
-          + f"\n{'':<29} this start: {starts}, {row['peak_bytes'] / 2**20:.0f} MB", flush=True)
+          + f"\n{'':<29} this start: {starts}, " + (f"the sun's day known after {row['sun_s']:.0f} s, " if row["sun_s"] else "")
+          + f"{row['peak_bytes'] / 2**20:.0f} MB", flush=True)
 
 
 def print_end(report):
