@@ -98,6 +98,7 @@ struct transport *transport_begin(const struct gbuffer *g, const struct rays *ra
     if (!t)
         return NULL;
     pthread_mutex_init(&t->lock, NULL);
+    pthread_cond_init(&t->shaded, NULL);
     t->gbuffer = g;
     t->rays = desc->no_visibility ? NULL : rays;
     t->kernels = transport_kernels_of(kernels);

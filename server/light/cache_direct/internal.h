@@ -291,6 +291,7 @@ struct transport {
     uint64_t index_bytes; /* beyond which it forgets tiles that no frame asks for any more */
     /* Of sun and index, between a frame and transport_look_at, which lets a frame that awaits its turn go first. */
     pthread_mutex_t lock;
+    pthread_cond_t shaded;
     atomic_bool awaits;
 };
 

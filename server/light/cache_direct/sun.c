@@ -99,8 +99,7 @@ bool sun_key_is_sound(uint32_t key)
 {
     const uint32_t grid = key % (2 * SUN_GRID), edge = grid / SUN_EDGE;
 
-    return grid >= SUN_GRID_LEAST && grid <= SUN_GRID && SUN_GRID % grid == 0 &&
-           key / (2 * SUN_GRID) < 6 * edge * edge;
+    return grid >= SUN_GRID_LEAST && grid <= SUN_GRID && SUN_GRID % grid == 0 && key / (2 * SUN_GRID) < 6 * edge * edge;
 }
 
 int64_t sun_index_find(struct transport *t, uint32_t key)

@@ -8,7 +8,6 @@
 
 #include <math.h>
 #include <string.h>
-#include <time.h>
 
 #define WIDEST 0.02f /* radius of a sun whose way is asked for, radians */
 #define RIM 16       /* places of the disc's rim that are looked up, besides the middle */
@@ -20,7 +19,7 @@ static enum err ask_for_disc(struct transport *t, const double w[3])
     enum err e = ERR_OK;
 
     for (int k = 0; k <= RIM && !e; k++) {
-        const double r = k < RIM ? t->sun.radius : 0.0, c = r * cos(2.0 * PI / RIM * k), s = r * sin(2.0 * PI / RIM * k);
+        const double r = k < RIM ? t->sun.radius : 0.0, turn = 2.0 * PI / RIM * k, c = r * cos(turn), s = r * sin(turn);
         float at[3], u, v;
         for (int i = 0; i < 3; i++)
             at[i] = (float)(w[i] + c * across[i] + s * up[i]);
@@ -45,9 +44,9 @@ static void look_at_parts(const struct transport *t, uint32_t turn, uint32_t tur
 /* Between frames; one that awaits its turn goes first. */
 static void lock_index(struct transport *t)
 {
-    while (atomic_load(&t->awaits))
-        nanosleep(&(struct timespec){ .tv_nsec = 100000 }, NULL);
     pthread_mutex_lock(&t->lock);
+    while (atomic_load(&t->awaits))
+        pthread_cond_wait(&t->shaded, &t->lock);
 }
 
 /* How much is filled ahead; frames may take the rest. */
@@ -140,8 +139,8 @@ static enum err read_entry(struct cache_reader *r, struct transport *t, struct s
 
     if (!result && !sun_key_is_sound(e->key))
         result = cache_reader_refuse(r, why);
-    if (!result && (!(e->views = mem_alloc(1, sizeof(*e->views))) ||
-                    sun_views_begin(e->views, t->block_count, &t->index->bytes)))
+    if (!result &&
+        (!(e->views = mem_alloc(1, sizeof(*e->views))) || sun_views_begin(e->views, t->block_count, &t->index->bytes)))
         result = err_say(why, ERR_NOMEM, "no memory for what points see of the sun");
     return result ? result : sun_views_load(e->views, t->blocks, r, why);
 }

@@ -160,8 +160,8 @@ enum err sun_views_load(struct sun_views *v, const struct transport_block *block
     for (uint32_t from = 0; from < used && !e; from += CHUNK) {
         if (!have_chunk(v, from / CHUNK))
             return err_say(why, ERR_NOMEM, "no memory for what points see of the sun");
-        e = cache_reader_get(r, v->chunks[from / CHUNK],
-                             (used - from < CHUNK ? used - from : CHUNK) * sizeof(uint16_t), why);
+        e = cache_reader_get(r, v->chunks[from / CHUNK], (used - from < CHUNK ? used - from : CHUNK) * sizeof(uint16_t),
+                             why);
     }
     v->used = used;
     for (uint32_t k = 0; k < v->blocks && !e; k++)

@@ -17,8 +17,8 @@ struct sun_view {
 /* The most frequent views; never written. */
 extern struct sun_view sun_all_lit, sun_all_dark;
 
-/* All blocks' views of a tile. A view's place is a number, half a pointer; its memory comes from chunks, since there are
- * a million views of some fifty bytes. */
+/* All blocks' views of a tile. A view's place is a number, half a pointer; its memory comes from chunks, since there
+ * are a million views of some fifty bytes. */
 struct sun_views {
     uint32_t *at; /* [blocks]: 0: not looked at yet */
     uint32_t blocks, chunk_count;

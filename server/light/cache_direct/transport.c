@@ -24,6 +24,7 @@ void transport_destroy(struct transport *t)
     mem_free(t->work);
     transport_last_destroy(t->last);
     sky_split_finish(&t->sky);
+    pthread_cond_destroy(&t->shaded);
     pthread_mutex_destroy(&t->lock);
     mem_free(t);
 }
@@ -384,6 +385,7 @@ enum err transport_shade(struct transport *t, const struct environment *e, const
     pthread_mutex_lock(&t->lock);
     atomic_store(&t->awaits, false);
     const enum err result = shade(t, e, frame, lo, stats);
+    pthread_cond_signal(&t->shaded);
     pthread_mutex_unlock(&t->lock);
     return result;
 }

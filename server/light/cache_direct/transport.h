@@ -140,7 +140,7 @@ MUST_CHECK enum err transport_shade(struct transport *t, const struct environmen
  * another shades; the cache must be settled. */
 bool transport_look_at(struct transport *t, const double (*w)[3], uint32_t count, uint32_t turn, uint32_t turns,
                        uint64_t since);
-uint64_t transport_frames(const struct transport *t);    /* shaded so far; the frames' thread */
+uint64_t transport_frames(const struct transport *t);       /* shaded so far; the frames' thread */
 const float *transport_sun_axis(const struct transport *t); /* towards the last frame's sun; 0: none; likewise */
 
 /* What the last frame computed, uint8_t[packet_count]: bits of enum transport_work. Valid until the next one. */
@@ -198,9 +198,9 @@ MUST_CHECK enum err transport_load(struct cache_reader *r, const struct digest *
                                    const struct rays *rays, const struct kernels *kernels,
                                    const struct transport_desc *desc, struct transport **out, struct reason *why);
 
-/* What points see of suns, in a section of its own: a copy of it, to free with mem_free. The sun was there in a frame
- * before. Thread: any one, also while another shades. transport_copy_sun: ERR_NOMEM, ERR_END: nothing is known. Errors of
- * transport_load_sun: those of transport_load; it adds to what frames have asked for. */
+/* What points see of suns, in a section of its own: a copy of it, to free with mem_free. A frame has been shaded
+ * before. Thread: any one, also while another shades. transport_copy_sun: ERR_NOMEM, ERR_END: nothing is known. Errors
+ * of transport_load_sun: those of transport_load; it adds to what frames have asked for. */
 struct transport_sun_copy {
     uint8_t *bytes;
     size_t size;

@@ -91,9 +91,9 @@ struct relight_desc {
     uint32_t eye_paths;                     /* per shade point; 0: the plan chooses */
     enum start_kind start;                  /* of light paths */
     uint64_t cache_bytes;                   /* METHOD_CACHED: memory limit of its cache; 0: CACHE_MEMORY_DEFAULT */
-    bool cache_if_kept;    /* only load the cache from a file, never compute it; a missing file is not an error */
-    bool cache_background; /* compute it while other techniques make images; else the first image waits for it */
-    bool has_sun_day;      /* the sun's way is known, */
+    bool cache_if_kept;     /* only load the cache from a file, never compute it; a missing file is not an error */
+    bool cache_background;  /* compute it while other techniques make images; else the first image waits for it */
+    bool has_sun_day;       /* the sun's way is known, */
     struct sun_day sun_day; /* in the scene, and asked for ahead in the background */
     const char
         *cache_file; /* file to store it for the next run; "": in the folder (light/cache/cache_file.h), NULL: none */

@@ -56,7 +56,7 @@ static void images_without_room_for_a_cache_are_audited(void **state)
     (void)state;
 
     for (int after = 0; after < 8; after += stats.cache_refused) { /* several pay for an audit together */
-        light.audit = stats.cache_refused ? 20.0 : 0.0; /* rays from before would be kept, and none traced */
+        light.audit = stats.cache_refused ? 20.0 : 0.0;            /* rays from before would be kept, and none traced */
         assert_int_equal(stage_run(&s, &light, &stats), ERR_OK);
         audited += stats.cache_refused ? stats.audited.rays : 0;
         estimates += stats.cache_refused && stats.error > 0.0;
