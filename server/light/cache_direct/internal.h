@@ -137,7 +137,7 @@ struct transport_sun {
     /* A cone that contains the whole sun: unit. Too wide a cone: -2 and 2, which all directions meet. */
     float axis[3], cosine, sine;
     float colour[3], flux[3]; /* of the whole sun, as of a part */
-    /* Of the last frame that had a sun: */
+    /* Of the last frame that had a narrow sun, as a sky with one bright place has: */
     uint32_t edge; /* texels along an edge of the sky's faces */
     float radius;  /* from the axis to the farthest texel's middle, radians */
 };

@@ -95,6 +95,11 @@ void sun_index_make_room(struct transport *t, uint64_t most, uint64_t since)
     }
 }
 
+uint64_t sun_index_bytes(const struct transport *t)
+{
+    return t->index->bytes + t->index->corners.bytes + t->index->later_corners.bytes;
+}
+
 bool sun_key_is_sound(uint32_t key)
 {
     const uint32_t grid = key % (2 * SUN_GRID), edge = grid / SUN_EDGE;
@@ -135,6 +140,7 @@ static struct sun_part *find_part(struct transport *t, struct sun_parts *s, uint
 {
     const uint32_t edge = grid / SUN_EDGE, row = y / SUN_EDGE, column = x / SUN_EDGE,
                    key = ((face * edge + row) * edge + column) * 2 * SUN_GRID + grid;
+    struct sun_corners *corners = s == &t->sun.later ? &t->index->later_corners : &t->index->corners;
 
     for (uint32_t k = s->count; k-- > 0;) /* the last ones are the likeliest */
         if (s->at[k].key == key)
@@ -149,7 +155,7 @@ static struct sun_part *find_part(struct transport *t, struct sun_parts *s, uint
     s->at[s->count].tile = (uint32_t)tile;
     for (uint32_t k = 0; k < 4; k++) { /* tiles in a row look at the same corners first */
         const uint32_t down = k % 2, right = (down + (row + column) % 2 + k / 2) % 2;
-        s->at[s->count].corners[k] = sun_corner_find(&t->index->corners, t, grid, face, row + down, column + right);
+        s->at[s->count].corners[k] = sun_corner_find(corners, t, grid, face, row + down, column + right);
         if (!s->at[s->count].corners[k])
             return NULL;
     }
@@ -245,18 +251,20 @@ static void sum_parts(const struct transport *t, struct transport_sun *s)
     s->sine = least > SMALL_COSINE ? sqrtf(1.0f - least * least) + 1e-5f : 2.0f;
 }
 
+#define WIDEST 0.02f /* radius of a sun whose way is asked for ahead, radians */
+
 static void measure_sun(struct transport *t, uint32_t n)
 {
     struct transport_sun *s = &t->sun;
     float least = 1.0f, w[3];
 
-    if (!t->sky.sun_count)
-        return;
     for (uint32_t k = 0; k < t->sky.sun_count; k++) {
         const uint32_t at = t->sky.sun[k];
         invert_direction(n, at / (n * n), at / n % n + 0.5, at % n + 0.5, w);
         least = fminf(least, s->axis[0] * w[0] + s->axis[1] * w[1] + s->axis[2] * w[2]);
     }
+    if (t->sky.sun_count == 0 || acosf(least) > WIDEST)
+        return;
     s->edge = n;
     s->radius = acosf(least);
 }
@@ -314,7 +322,7 @@ enum err transport_sun_take(struct transport *t, const struct environment *e)
         return ERR_NOMEM;
     t->index->frame++;
     sun_corners_frame(&t->index->corners, 2 * SUN_AHEAD);
-    if (t->index->bytes + t->index->corners.bytes > t->index_bytes)
+    if (sun_index_bytes(t) > t->index_bytes)
         sun_index_make_room(t, t->index_bytes / 4 * 3, UINT64_MAX);
     while (grid > SUN_GRID_LEAST && (uint64_t)t->sky.sun_count * grid * grid > (uint64_t)SUN_MOST * e->n * e->n)
         grid /= 2;
@@ -345,6 +353,7 @@ void transport_sun_finish(struct transport *t)
     if (t->index) {
         mem_free(t->index->entries);
         sun_corners_finish(&t->index->corners);
+        sun_corners_finish(&t->index->later_corners);
     }
     mem_free(t->index);
     mem_free(t->sun.parts.at);

@@ -9,8 +9,7 @@
 #include <math.h>
 #include <string.h>
 
-#define WIDEST 0.02f /* radius of a sun whose way is asked for, radians */
-#define RIM 16       /* places of the disc's rim that are looked up, besides the middle */
+#define RIM 16 /* places of the disc's rim that are looked up, besides the middle */
 
 static enum err ask_for_disc(struct transport *t, const double w[3])
 {
@@ -55,25 +54,27 @@ static uint64_t most_bytes(const struct transport *t)
     return t->index_bytes / 8 * 7;
 }
 
-bool transport_look_at(struct transport *t, const double (*w)[3], uint32_t count, uint32_t turn, uint32_t turns,
-                       uint64_t since)
+enum err transport_look_at(struct transport *t, const double (*w)[3], uint32_t count, uint32_t turn, uint32_t turns,
+                           uint64_t since)
 {
     enum err e = ERR_OK;
 
     lock_index(t);
-    if (!t->index || !(t->sun.radius > 0.0f && t->sun.radius < WIDEST))
+    if (!t->index || !(t->sun.radius > 0.0f))
         e = ERR_UNSUPPORTED;
-    if (!e)
-        sun_index_make_room(t, most_bytes(t), since);
+    else
+        sun_corners_frame(&t->index->later_corners, turns);
+    if (!e && sun_index_bytes(t) > most_bytes(t))
+        sun_index_make_room(t, most_bytes(t) / 8 * 7, since);
     t->sun.later.count = 0;
     for (uint32_t k = 0; k < count && !e; k++)
         e = ask_for_disc(t, w[k]);
-    if (!e && t->index->bytes > most_bytes(t))
+    if (!e && sun_index_bytes(t) > most_bytes(t))
         e = ERR_RANGE;
     if (!e)
         look_at_parts(t, turn, turns);
     pthread_mutex_unlock(&t->lock);
-    return !e;
+    return e;
 }
 
 uint64_t transport_frames(const struct transport *t)
@@ -83,7 +84,7 @@ uint64_t transport_frames(const struct transport *t)
 
 const float *transport_sun_axis(const struct transport *t)
 {
-    return t->sun.axis;
+    return t->sun.radius > 0.0f && t->sun.parts.count > 0 ? t->sun.axis : NULL;
 }
 
 /* ---- The file ---- */
@@ -98,33 +99,45 @@ uint32_t transport_sun_tiles(struct transport *t)
     return count;
 }
 
-/* A copy, since frames go on writing. Frames that come meanwhile wait for some hundredths of a second. */
-static enum err copy_index(struct transport *t, struct transport_sun_copy *out)
+static size_t copy_size(const struct sun_index *x)
 {
-    const struct sun_index *x = t->index;
     size_t size = sizeof(x->count);
 
     for (uint32_t k = 0; k < x->count; k++)
         size += sizeof(x->entries[k].key) + sun_views_size(x->entries[k].views);
-    uint8_t *to = mem_alloc_large(size, 1);
-    *out = (struct transport_sun_copy){ to, size };
-    if (!to)
-        return ERR_NOMEM;
+    return size;
+}
+
+static void copy_index(const struct sun_index *x, uint8_t *to)
+{
     memcpy(to, &x->count, sizeof(x->count));
     to += sizeof(x->count);
     for (uint32_t k = 0; k < x->count; k++) {
         memcpy(to, &x->entries[k].key, sizeof(x->entries[k].key));
         to = sun_views_save(x->entries[k].views, to + sizeof(x->entries[k].key));
     }
-    return ERR_OK;
 }
 
+/* Frames go on writing, so the file is written from a copy. A frame that comes meanwhile waits while memory is copied.
+ */
 enum err transport_copy_sun(struct transport *t, struct transport_sun_copy *out)
 {
-    lock_index(t);
-    const enum err e = t->index ? copy_index(t, out) : ERR_END;
-    pthread_mutex_unlock(&t->lock);
-    return e;
+    size_t wanted = 1;
+
+    *out = (struct transport_sun_copy){ .size = 0 };
+    while (out->size < wanted) { /* frames may have added to it */
+        mem_free(out->bytes);
+        *out = (struct transport_sun_copy){ mem_alloc_large_raw(wanted, 1), wanted };
+        if (!out->bytes)
+            return ERR_NOMEM;
+        lock_index(t);
+        wanted = t->index ? copy_size(t->index) : 0;
+        if (wanted > 0 && wanted <= out->size)
+            copy_index(t->index, out->bytes);
+        pthread_mutex_unlock(&t->lock);
+    }
+    out->size = wanted;
+    return wanted > 0 ? ERR_OK : ERR_END;
 }
 
 void transport_save_sun(const struct transport_sun_copy *c, const struct digest *key, struct cache_writer *w)
@@ -133,52 +146,74 @@ void transport_save_sun(const struct transport_sun_copy *c, const struct digest 
     cache_writer_put(w, c->bytes, c->size);
 }
 
-static enum err read_entry(struct cache_reader *r, struct transport *t, struct sun_entry *e, struct reason *why)
+#define TILES (6u * SUN_GRID / SUN_EDGE * (SUN_GRID / SUN_EDGE)) /* no file has more */
+
+/* Tiles from a file, before the last byte is checked. */
+struct loaded {
+    struct sun_entry *entries;
+    uint32_t count, read;
+    _Atomic uint64_t bytes;
+};
+
+static enum err read_entry(struct cache_reader *r, struct transport *t, struct loaded *l, struct reason *why)
 {
+    struct sun_entry *e = &l->entries[l->read++];
     enum err result = cache_reader_get(r, &e->key, sizeof(e->key), why);
 
     if (!result && !sun_key_is_sound(e->key))
         result = cache_reader_refuse(r, why);
     if (!result &&
-        (!(e->views = mem_alloc(1, sizeof(*e->views))) || sun_views_begin(e->views, t->block_count, &t->index->bytes)))
+        (!(e->views = mem_alloc(1, sizeof(*e->views))) || sun_views_begin(e->views, t->block_count, &l->bytes)))
         result = err_say(why, ERR_NOMEM, "no memory for what points see of the sun");
-    return result ? result : sun_views_load(e->views, t->blocks, r, why);
+    result = result ? result : sun_views_load(e->views, t->blocks, r, why);
+    if (!result && l->bytes > most_bytes(t))
+        result = err_say(why, ERR_RANGE, "what it knows of the sun needs more than --cache-memory has for it");
+    return result;
 }
 
-/* Takes over the views of a tile that frames have not asked for yet. */
+/* Takes over the views of a tile that frames have not asked for yet; it goes before all that they ask for. */
 static void adopt(struct transport *t, struct sun_entry *e)
 {
+    const uint32_t before = t->index->count;
     const int64_t at = sun_index_find(t, e->key);
 
-    if (at < 0)
+    if (at < before) /* frames have it, or there is no memory */
         return;
-    struct sun_views *mine = t->index->entries[at].views;
-    if (mine->used == 0) {
-        t->index->entries[at].views = e->views;
-        e->views = mine;
-    }
+    struct sun_views *empty = t->index->entries[at].views;
+    t->index->entries[at].views = e->views;
+    t->index->entries[at].used = 0;
+    sun_views_count(e->views, &t->index->bytes);
+    e->views = empty;
+}
+
+static enum err read_all(struct transport *t, struct cache_reader *r, const struct digest *key, struct loaded *l,
+                         struct reason *why)
+{
+    enum err e = cache_reader_find(r, section, key, why);
+
+    e = e ? e : cache_reader_get(r, &l->count, sizeof(l->count), why);
+    if (!e && l->count > TILES)
+        e = cache_reader_refuse(r, why);
+    if (!e && !(l->entries = mem_alloc(l->count + 1, sizeof(*l->entries))))
+        e = err_say(why, ERR_NOMEM, "no memory for what points see of the sun");
+    while (!e && l->read < l->count)
+        e = read_entry(r, t, l, why);
+    return e ? e : cache_reader_end(r, why);
 }
 
 enum err transport_load_sun(struct transport *t, struct cache_reader *r, const struct digest *key, struct reason *why)
 {
-    uint32_t count = 0, read = 0;
-    enum err e = cache_reader_find(r, section, key, why);
+    struct loaded l = { .entries = NULL };
+    const enum err e = read_all(t, r, key, &l, why);
 
-    e = e ? e : cache_reader_get(r, &count, sizeof(count), why);
-    struct sun_entry *entries = e ? NULL : mem_alloc(count, sizeof(*entries));
-    if (!e && !entries)
-        e = err_say(why, ERR_NOMEM, "no memory for what points see of the sun");
-    while (!e && read < count)
-        e = read_entry(r, t, &entries[read++], why);
-    e = e ? e : cache_reader_end(r, why);
     lock_index(t);
-    for (uint32_t k = 0; k < read; k++) {
-        if (!e && t->index->bytes < most_bytes(t))
-            adopt(t, &entries[k]);
-        sun_views_finish(entries[k].views);
-        mem_free(entries[k].views);
+    for (uint32_t k = 0; k < l.read; k++) {
+        if (!e && sun_index_bytes(t) < most_bytes(t))
+            adopt(t, &l.entries[k]);
+        sun_views_finish(l.entries[k].views);
+        mem_free(l.entries[k].views);
     }
     pthread_mutex_unlock(&t->lock);
-    mem_free(entries);
+    mem_free(l.entries);
     return e;
 }

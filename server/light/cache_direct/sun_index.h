@@ -21,8 +21,12 @@ struct sun_index {
     uint64_t frame;
     _Atomic uint64_t bytes;
     double place[SUN_TILE][PACKET][2]; /* of each lane's look in a direction's square */
-    struct sun_corners corners;
+    struct sun_corners corners;        /* of frames, */
+    struct sun_corners later_corners;  /* and of the questions ahead of them */
 };
+
+/* With corners. */
+uint64_t sun_index_bytes(const struct transport *t);
 
 /* Whether a number from a file names a tile. */
 bool sun_key_is_sound(uint32_t key);

@@ -24,12 +24,14 @@ struct sun_views {
     uint32_t blocks, chunk_count;
     _Atomic uint32_t used;     /* of the chunks, in units of two bytes */
     uint16_t *_Atomic *chunks; /* [chunk_count]; NULL: not needed yet */
-    _Atomic uint64_t *bytes;   /* the sum over all tiles, borrowed */
+    _Atomic uint64_t *bytes;   /* the sum over all tiles, borrowed; sun_views_count moves them to another */
 };
 
 /* ERR_NOMEM. */
 MUST_CHECK enum err sun_views_begin(struct sun_views *v, uint32_t blocks, _Atomic uint64_t *bytes);
 void sun_views_finish(struct sun_views *v); /* NULL is allowed, and what could not begin */
+
+void sun_views_count(struct sun_views *v, _Atomic uint64_t *bytes);
 
 /* NULL: the block has not looked at it yet, or its view is forgotten. Thread: any, one per block. */
 struct sun_view *sun_views_get(const struct sun_views *v, uint32_t block);

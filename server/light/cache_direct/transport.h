@@ -134,14 +134,15 @@ MUST_CHECK enum err transport_shade(struct transport *t, const struct environmen
                                     const struct transport_frame *frame, float *lo,
                                     struct transport_frame_stats *stats);
 
-/* Asks ahead which parts of a sun of the disc's width blocks turn, turn + turns, ... see at `count` places of it, w, as
- * frames will, and keeps the answers. It forgets what no frame has asked for since frame `since` (transport_frames), if
- * its memory is full. False: all of it is in use, or there is no memory. Thread: any one, also while
- * another shades; the cache must be settled. */
-bool transport_look_at(struct transport *t, const double (*w)[3], uint32_t count, uint32_t turn, uint32_t turns,
-                       uint64_t since);
-uint64_t transport_frames(const struct transport *t);       /* shaded so far; the frames' thread */
-const float *transport_sun_axis(const struct transport *t); /* towards the last frame's sun; 0: none; likewise */
+/* Asks ahead which parts of the sun blocks turn, turn + turns, ... see at `count` places of it, w, as frames will, and
+ * keeps the answers; a place's turns follow each other. If its memory is full it forgets what nobody has asked for
+ * since frame `since` (transport_frames). ERR_RANGE: all of it is in use; ERR_UNSUPPORTED: no frame has had a narrow
+ * sun yet; ERR_NOMEM. Thread: any one, also while another shades; the cache must be settled. */
+MUST_CHECK enum err transport_look_at(struct transport *t, const double (*w)[3], uint32_t count, uint32_t turn,
+                                      uint32_t turns, uint64_t since);
+uint64_t transport_frames(const struct transport *t); /* shaded so far; the frames' thread */
+/* Towards the last frame's sun; NULL: none, or none narrow yet. The frames' thread. */
+const float *transport_sun_axis(const struct transport *t);
 
 /* What the last frame computed, uint8_t[packet_count]: bits of enum transport_work. Valid until the next one. */
 const uint8_t *transport_work(const struct transport *t);
@@ -205,7 +206,7 @@ struct transport_sun_copy {
     uint8_t *bytes;
     size_t size;
 };
-uint32_t transport_sun_tiles(struct transport *t); /* how much is known: places of a quarter of a square degree */
+uint32_t transport_sun_tiles(struct transport *t); /* how much is known: places of some 0.4 square degrees */
 MUST_CHECK enum err transport_copy_sun(struct transport *t, struct transport_sun_copy *out);
 void transport_save_sun(const struct transport_sun_copy *c, const struct digest *key, struct cache_writer *w);
 MUST_CHECK enum err transport_load_sun(struct transport *t, struct cache_reader *r, const struct digest *key,

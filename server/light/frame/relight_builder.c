@@ -26,14 +26,16 @@ enum { QUICK, WHOLE, STAGES }; /* of indirect light */
 
 #define SEGMENTS 360 /* of a day, of four minutes: a degree of the sun's way */
 #define PLACES 9     /* of the sun along a segment */
+#define STEADY 8     /* frames of one day, before its way counts as known: not while the sky turns */
 #define TURNS 32     /* in which blocks are asked: a frame waits for some milliseconds at most */
 
 /* Where the sun goes, by the frames' thread. */
 struct aim {
     struct transport *transport; /* NULL: not known yet */
     struct sun_day day;
-    float axis[3];  /* of the last frame's sun */
-    uint64_t since; /* number of the frame that began this day */
+    float axis[3];   /* of the last frame's sun */
+    uint64_t since;  /* number of the frame that began this day */
+    uint32_t frames; /* that had this day one after another */
 };
 
 struct relight_builder {
@@ -306,7 +308,7 @@ static bool await_day(struct relight_builder *b, const struct aim *last, struct 
 {
     pthread_mutex_lock(&b->lock);
     while (!is_cancelled(&b->cancelled) &&
-           (!b->aim.transport || (last->transport && is_same_day(&last->day, &b->aim.day))))
+           (b->aim.frames < STEADY || (last->transport && is_same_day(&last->day, &b->aim.day))))
         pthread_cond_wait(&b->aimed, &b->lock);
     *out = b->aim;
     pthread_mutex_unlock(&b->lock);
@@ -340,44 +342,39 @@ static uint32_t next_segment(const struct aim *a, const bool *over)
         nearest = c > most ? k : nearest;
         most = fmax(most, c);
     }
-    for (uint32_t k = 1; k <= SEGMENTS; k++)
+    for (uint32_t k = 0; k < SEGMENTS; k++)
         if (!over[(nearest + k) % SEGMENTS])
             return (nearest + k) % SEGMENTS;
     return SEGMENTS;
 }
 
-/* False: the cache's memory is full, or the day is over. */
-static bool look_along_segment(struct relight_builder *b, struct aim *a, uint32_t segment)
+/* ERR_END: the day is over. Other errors: those of transport_look_at. */
+static enum err look_along_segment(struct relight_builder *b, struct aim *a, uint32_t segment)
 {
     double w[PLACES][3];
-    bool goes_on = true, room = true;
+    enum err e = ERR_OK;
 
     for (uint32_t k = 0; k < PLACES; k++)
         place_of_segment(a, segment + (double)k / (PLACES - 1), w[k]);
-    for (uint32_t turn = 0; goes_on && room && turn < TURNS && w[PLACES / 2][1] > -SUN_RADIUS; turn++) {
+    for (uint32_t turn = 0; !e && turn < TURNS && w[PLACES / 2][1] > -SUN_RADIUS; turn++) {
         precedence_give_way(b->urgent);
-        goes_on = follow_aim(b, a);
-        room = !goes_on || transport_look_at(a->transport, w, PLACES, turn, TURNS, a->since);
+        e = follow_aim(b, a) ? transport_look_at(a->transport, w, PLACES, turn, TURNS, a->since) : ERR_END;
     }
-    if (!room)
-        log_info("sun: --cache-memory has no room for all that points see of it on this day; images ask for the rest");
-    return goes_on && room;
+    return e;
 }
 
-/* Asks for what the sun meets on this day, from its next moments on. False: not for all of it. */
-static bool look_along_day(struct relight_builder *b, struct aim *a)
+/* Asks for what the sun meets on this day, from its next moments on. */
+static enum err look_along_day(struct relight_builder *b, struct aim *a)
 {
-    const double start = clock_seconds();
     bool over[SEGMENTS] = { false };
+    enum err e = ERR_OK;
     uint32_t segment;
 
-    while ((segment = next_segment(a, over)) < SEGMENTS) {
-        if (!look_along_segment(b, a, segment))
-            return false;
+    while (!e && (segment = next_segment(a, over)) < SEGMENTS) {
+        e = look_along_segment(b, a, segment);
         over[segment] = true;
     }
-    log_info("sun: what points see of it on this day is known after %.1f s in the background", clock_seconds() - start);
-    return true;
+    return e;
 }
 
 #define MORE_TILES 1.125 /* than in the file, which is then written again; one day is much like the next */
@@ -388,17 +385,27 @@ static void follow_sun(struct relight_builder *b)
     struct digest d = { { 0 } };
     struct relight_keep keep;
     struct aim last = { .transport = NULL }, now;
+    enum err said = ERR_END; /* each outcome is told when it changes, not every day */
     uint32_t kept = 0;
 
     digest_bytes(&d, what, sizeof(what));
     relight_keep_init_paths(&keep, &b->keep, b->set, &b->light, &d);
     while (await_day(b, &last, &now)) {
+        const double start = clock_seconds();
         if (!last.transport && relight_keep_load_sun(&keep, now.transport))
             kept = transport_sun_tiles(now.transport);
-        if (look_along_day(b, &now) && transport_sun_tiles(now.transport) > MORE_TILES * kept) {
+        const enum err e = look_along_day(b, &now);
+        if (!e && transport_sun_tiles(now.transport) > MORE_TILES * kept) {
             relight_keep_save_sun(&keep, now.transport);
             kept = transport_sun_tiles(now.transport);
         }
+        if (e != said && !e)
+            log_info("sun: what points see of it on this day is known after %.1f s in the background",
+                     clock_seconds() - start);
+        else if (e != said && e == ERR_RANGE)
+            log_info(
+                "sun: --cache-memory has no room for all that points see of it on one day; images ask for the rest");
+        said = e == ERR_END ? said : e;
         last = now;
     }
 }
@@ -407,11 +414,12 @@ void relight_builder_aim(struct relight_builder *b, struct transport *t, const s
 {
     const float *axis = transport_sun_axis(t);
 
-    if (axis[0] == 0.0f && axis[1] == 0.0f && axis[2] == 0.0f) /* night */
+    if (!axis)
         return;
     pthread_mutex_lock(&b->lock);
     if (!b->aim.transport || !is_same_day(&b->aim.day, day))
-        b->aim = (struct aim){ t, *day, { 0.0f }, transport_frames(t) };
+        b->aim = (struct aim){ t, *day, { 0.0f }, transport_frames(t), 0 };
+    b->aim.frames++;
     memcpy(b->aim.axis, axis, sizeof(b->aim.axis));
     pthread_cond_signal(&b->aimed);
     pthread_mutex_unlock(&b->lock);

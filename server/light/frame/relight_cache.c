@@ -195,8 +195,7 @@ static enum err load_or_make(struct relight_cache *c, const struct prepared_scen
             relight_keep_save(&c->keep, c->transport, NULL, NULL);
     }
     const struct relight_builder_desc rest = { set, kernels, desc, &t, &c->keep, c->transport };
-    if (!e && desc->cache_background &&
-        (!c->transport || desc->has_sun_day || relight_indirect_wanted(set, desc) || beside_wanted(set, desc)))
+    if (!e && desc->cache_background)
         e = begin(c, &rest, why);
     return e;
 }

@@ -95,12 +95,6 @@ static uint64_t shade_at(const struct relight_cache *c, const struct prepared_sc
     return stats.rays;
 }
 
-static void wait_for_tiles(const struct relight_cache *c, uint32_t count)
-{
-    while (transport_sun_tiles(c->transport) < count)
-        nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
-}
-
 /* Of the cache's files in the folder, which are removed if `removes`. */
 static int count_files(const char *path, bool removes)
 {
@@ -129,7 +123,7 @@ static void begin_cache(struct relight_cache *c, const struct prepared_scene *se
         nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
 }
 
-/* An image at 9 h tells the builder of the sun's way. It asks for all of the day, so that an image of the afternoon
+/* Images at 9 h tell the builder of the sun's way. It asks for all of the day, so that an image of the afternoon
  * traces next to nothing, and keeps the answers: another run, whose sun goes another way, has them, too. */
 static void the_suns_way_is_asked_for_and_kept(void **state)
 {
@@ -148,9 +142,10 @@ static void the_suns_way_is_asked_for_and_kept(void **state)
     light.cache_dir = folder.path;
     begin_cache(&c, set, &light);
     const uint64_t first = shade_at(&c, set, 50.0, 9.0);
-    relight_builder_aim(c.builder, c.transport, &day);
-    while (count_files(folder.path, false) < 2)
+    while (count_files(folder.path, false) < 2) {
+        relight_builder_aim(c.builder, c.transport, &day);
         nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
+    }
     const uint32_t kept = transport_sun_tiles(c.transport);
     const uint64_t known = shade_at(&c, set, 50.0, 14.3), unknown = shade_at(&c, set, 20.0, 14.3);
     printf("%u tiles; rays at 9 h %.0f, at 14:18 %.0f, on another way %.0f\n", kept, (double)first, (double)known,
@@ -159,8 +154,10 @@ static void the_suns_way_is_asked_for_and_kept(void **state)
     relight_cache_finish(&c);
     begin_cache(&c, set, &light);
     shade_at(&c, set, 0.0, 9.0);
-    relight_builder_aim(c.builder, c.transport, &other);
-    wait_for_tiles(&c, kept);
+    while (transport_sun_tiles(c.transport) < kept) {
+        relight_builder_aim(c.builder, c.transport, &other);
+        nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
+    }
     assert_true(shade_at(&c, set, 50.0, 14.3) * 100 < unknown);
     relight_cache_finish(&c);
     set_destroy(set);
