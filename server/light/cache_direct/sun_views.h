@@ -31,6 +31,7 @@ struct sun_views {
 MUST_CHECK enum err sun_views_begin(struct sun_views *v, uint32_t blocks, _Atomic uint64_t *bytes);
 void sun_views_finish(struct sun_views *v); /* NULL is allowed, and what could not begin */
 
+/* From now on they count there. One thread. */
 void sun_views_count(struct sun_views *v, _Atomic uint64_t *bytes);
 
 /* NULL: the block has not looked at it yet, or its view is forgotten. Thread: any, one per block. */

@@ -199,15 +199,21 @@ MUST_CHECK enum err transport_load(struct cache_reader *r, const struct digest *
                                    const struct rays *rays, const struct kernels *kernels,
                                    const struct transport_desc *desc, struct transport **out, struct reason *why);
 
-/* What points see of suns, in a section of its own: a copy of it, to free with mem_free. A frame has been shaded
- * before. Thread: any one, also while another shades. transport_copy_sun: ERR_NOMEM, ERR_END: nothing is known. Errors
- * of transport_load_sun: those of transport_load; it adds to what frames have asked for. */
+/* What points see of suns, for a file. A frame has been shaded before. Thread: any one, also while another shades. */
 struct transport_sun_copy {
     uint8_t *bytes;
     size_t size;
 };
-uint32_t transport_sun_tiles(struct transport *t); /* how much is known: places of some 0.4 square degrees */
+
+/* How much is known: places of some 0.4 square degrees. */
+uint32_t transport_sun_tiles(struct transport *t);
+
+/* A copy of it as it is now; the caller frees its bytes with mem_free. ERR_NOMEM; ERR_END: nothing is known. */
 MUST_CHECK enum err transport_copy_sun(struct transport *t, struct transport_sun_copy *out);
+
+/* Adds a section to w, which borrows the copy. */
 void transport_save_sun(const struct transport_sun_copy *c, const struct digest *key, struct cache_writer *w);
+
+/* Adds what such a section knows to what frames have asked for. Errors: those of transport_load. */
 MUST_CHECK enum err transport_load_sun(struct transport *t, struct cache_reader *r, const struct digest *key,
                                        struct reason *why);

@@ -132,7 +132,9 @@ static enum err begin(struct relight_cache *c, const struct relight_builder_desc
         c->transport = transport_live_cache(relight_builder_live(c->builder));
     if (desc->light->cache_if_kept) /* for this image: reading takes less time than an image by other means */
         relight_builder_await_files(c->builder);
-    c->building = true;
+    /* else it only asks ahead for the sun */
+    c->building =
+        !desc->loaded || relight_indirect_wanted(desc->set, desc->light) || beside_wanted(desc->set, desc->light);
     return ERR_OK;
 }
 
