@@ -27,7 +27,7 @@ enum { QUICK, WHOLE, STAGES }; /* of indirect light */
 #define SEGMENTS 360 /* of a day, of four minutes: a degree of the sun's way */
 #define PLACES 9     /* of the sun along a segment */
 #define STEADY 8     /* frames of one day, before its way counts as known: not while the sky turns */
-#define TURNS 32     /* in which blocks are asked: a frame waits for some milliseconds at most */
+#define TURN 512     /* packets that a turn asks for: a frame waits for some milliseconds at most */
 
 /* Where the sun goes, by the frames' thread. */
 struct aim {
@@ -351,14 +351,15 @@ static uint32_t next_segment(const struct aim *a, const bool *over)
 /* ERR_END: the day is over. Other errors: those of transport_look_at. */
 static enum err look_along_segment(struct relight_builder *b, struct aim *a, uint32_t segment)
 {
+    const uint32_t turns = 1 + b->set->gbuffer->packet_count / TURN;
     double w[PLACES][3];
     enum err e = ERR_OK;
 
     for (uint32_t k = 0; k < PLACES; k++)
         place_of_segment(a, segment + (double)k / (PLACES - 1), w[k]);
-    for (uint32_t turn = 0; !e && turn < TURNS && w[PLACES / 2][1] > -SUN_RADIUS; turn++) {
+    for (uint32_t turn = 0; !e && turn < turns && w[PLACES / 2][1] > -SUN_RADIUS; turn++) {
         precedence_give_way(b->urgent);
-        e = follow_aim(b, a) ? transport_look_at(a->transport, w, PLACES, turn, TURNS, a->since) : ERR_END;
+        e = follow_aim(b, a) ? transport_look_at(a->transport, w, PLACES, turn, turns, a->since) : ERR_END;
     }
     return e;
 }
