@@ -411,8 +411,8 @@ static void assert_costs_no_rays(const struct shadow *s, struct transport *t, do
     assert_memory_equal(s->lo, s->want, (size_t)s->gbuffer->packet_count * 3 * PACKET * sizeof(float));
 }
 
-/* A frame whose sun has been asked for ahead traces none of its rays, and has the bits of one that traces all: by day
- * and after a jump, at the zenith and low. A place off by a degree leaves nearly all of them. */
+/* A frame whose sun has been asked for ahead traces none of its rays, and has the bits of one that traces all, in three
+ * directions of the sky, on two of its faces or more; a sun twelve degrees further is still to be traced. */
 static void what_is_asked_ahead_costs_frames_no_rays(void **state)
 {
     struct shadow s = shadow_make();
