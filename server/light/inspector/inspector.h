@@ -126,7 +126,7 @@ struct inspect_request {
     uint32_t samples;          /* 1..INSPECT_SAMPLES_MAX; 0: those of `light` */
     bool figure;               /* use the preset of probe.h */
     bool sky;                  /* include the sky image */
-    const struct sun_day *day; /* of the sun's known way, in the sky; borrowed; NULL: not known */
+    const struct sun_day *day; /* of the sun's known way, in the scene; borrowed; NULL: not known */
 };
 
 /* What the scene's own lamps give the pixel. */

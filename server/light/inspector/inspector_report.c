@@ -305,16 +305,14 @@ static json_t *lamps_json(const struct probe_lamps *l)
 /* When the heaviest point sees the sun on this day: for each five minutes from midnight on "0" to "9", ninths of its
  * disc, and
  * "-" where it is below the horizon. */
-static json_t *sunlight_json(const struct inspector *p, const struct environment *e, const struct inspect_request *q,
-                             const struct shade_packet *at)
+static json_t *sunlight_json(const struct inspector *p, const struct inspect_request *q, const struct shade_packet *at)
 {
     const struct sensor point = { vec3_make(at->x[0], at->y[0], at->z[0]),
                                   vec3_make(at->ns_x[0], at->ns_y[0], at->ns_z[0]) };
-    struct sun_day day = *q->day;
+    const struct sun_day day = *q->day;
     char text[SUN_STEPS + 1] = "";
     double seen = 0.0, up = 0.0, share[SUN_STEPS];
 
-    day.turn += e->rotation;
 #pragma omp parallel for schedule(dynamic, 8)
     for (int k = 0; k < SUN_STEPS; k++) {
         double w[3];
@@ -349,7 +347,7 @@ static json_t *report_json(struct inspector *p, const struct environment *e, con
     json_object_set_new(j, "first", first_json(p, a));
     json_object_set_new(j, "escape", a->misses > 0 ? vector(a->miss) : json_null());
     json_object_set_new(j, "point", a->points > 0 ? point_json(p, a) : json_null());
-    json_object_set_new(j, "sunlight", q->day && a->points > 0 ? sunlight_json(p, e, q, &a->lane0) : json_null());
+    json_object_set_new(j, "sunlight", q->day && a->points > 0 ? sunlight_json(p, q, &a->lane0) : json_null());
     json_object_set_new(j, "shares", shares_json(&a->log));
     json_object_set_new(j, "light", samples_json(a->log.light, a->log.light_count, a->samples));
     json_object_set_new(j, "lobes", samples_json(a->log.lobes, a->log.lobe_count, a->samples));

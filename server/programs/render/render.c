@@ -198,8 +198,9 @@ static enum err print_inspection(struct render *r, struct reason *why)
     const struct sky_desc *sky = source_sky(r->source);
     struct source_place place = { .day = 0 };
     const bool placed = source_place(r->source, &place);
-    const struct sun_day day = sky ? sky_day(sky, r->environment->number) : place.sun_day;
+    struct sun_day day = sky ? sky_day(sky, r->environment->number) : place.sun_day;
 
+    day.turn += r->environment->rotation;
     q.day = sky || placed ? &day : NULL;
     relight_lamps_pixel(r->lamps, q.x, q.y, lamps.rgb);
     return inspector_print(r->inspector, r->environment, &r->request.light, &q, r->rgb, r->lamps ? &lamps : NULL, why);

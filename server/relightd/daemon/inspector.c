@@ -42,14 +42,12 @@ static enum err report(struct shade_thread *t, const struct server_inspection *a
 {
     const struct shown_image *shown = &t->refine.shown;
     struct relight_desc light = shown->light;
-    const struct ingested *in = shown->in;
-    const struct sun_day day = in->has_sky ? sky_day(&in->sky, in->environment->number) : in->place.sun_day;
     const struct inspect_request q = { .x = asked->x,
                                        .y = asked->y,
                                        .samples = asked->samples,
                                        .figure = asked->figure,
                                        .sky = asked->sky,
-                                       .day = in->has_sky || in->has_place ? &day : NULL };
+                                       .day = light.has_sun_day ? &light.sun_day : NULL };
     struct probe_lamps lamps;
 
     *text = NULL;
