@@ -102,7 +102,7 @@ struct transport *transport_begin(const struct gbuffer *g, const struct rays *ra
     t->gbuffer = g;
     t->rays = desc->no_visibility ? NULL : rays;
     t->kernels = transport_kernels_of(kernels);
-    t->index_bytes = cache_memory_limit(desc->max_bytes) / 16 * 3;
+    t->index_bytes = cache_memory_limit(desc->max_bytes) / 8 * 3;
     if (make_blocks(t)) {
         transport_destroy(t);
         return NULL;
