@@ -253,6 +253,7 @@ static void sum_parts(const struct transport *t, struct transport_sun *s)
 
 #define WIDEST 0.02f /* radius of a sun whose way is asked for ahead, radians */
 
+/* From its middle to the furthest texel, which differs by half between frames as it crosses texels: the widest yet. */
 static void measure_sun(struct transport *t, uint32_t n)
 {
     struct transport_sun *s = &t->sun;
@@ -265,8 +266,8 @@ static void measure_sun(struct transport *t, uint32_t n)
     }
     if (t->sky.sun_count == 0 || acosf(least) > WIDEST)
         return;
+    s->radius = s->edge == n ? fmaxf(s->radius, acosf(least)) : acosf(least);
     s->edge = n;
-    s->radius = acosf(least);
 }
 
 #define SUN_AHEAD_LEAST 0.995f /* cosine of the longest way in so many frames, 6 degrees: a sun that jumps */

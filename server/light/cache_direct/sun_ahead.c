@@ -9,7 +9,7 @@
 #include <math.h>
 #include <string.h>
 
-#define RIM 16 /* places of the disc's rim that are looked up, besides the middle */
+#define RIM 32 /* places of the disc's rim that are looked up, besides the middle: on its way none passes a texel by */
 
 static enum err ask_for_disc(struct transport *t, const double w[3])
 {
