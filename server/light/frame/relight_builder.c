@@ -24,10 +24,11 @@ enum { QUICK, WHOLE, STAGES }; /* of indirect light */
 
 #define BEHIND_PATHS 16 /* eye paths per point behind mirrors and glass, in each of two halves that are filtered */
 
-#define SEGMENTS 360 /* of a day, of four minutes: a degree of the sun's way */
-#define PLACES 9     /* of the sun along a segment */
-#define STEADY 8     /* frames of one day, before its way counts as known: not while the sky turns */
-#define TURN 512     /* packets that a turn asks for: a frame waits for some milliseconds at most */
+#define SEGMENTS 360     /* of a day, of four minutes: a degree of the sun's way */
+#define PLACES 9         /* of the sun along a segment */
+#define STEADY 8         /* frames of one day, before its way counts as known: not while the sky turns */
+#define MORE_TILES 1.125 /* than in the file, which is then written again; so it is at the first day of a run */
+#define TURN 512         /* packets that a turn asks for: a frame waits for some milliseconds at most */
 
 /* Where the sun goes, by the frames' thread. */
 struct aim {
@@ -303,6 +304,15 @@ static bool is_same_day(const struct sun_day *a, const struct sun_day *b)
            a->turn == b->turn;
 }
 
+static struct digest digest_of_day(const struct sun_day *d)
+{
+    const double numbers[] = { d->latitude, d->day, d->solar, d->ahead, d->turn };
+    struct digest out = { { 0 } };
+
+    digest_bytes(&out, numbers, sizeof(numbers));
+    return out;
+}
+
 /* False: the builder ends. */
 static bool await_day(struct relight_builder *b, const struct aim *last, struct aim *out)
 {
@@ -325,11 +335,6 @@ static bool follow_aim(struct relight_builder *b, struct aim *a)
     return same && !is_cancelled(&b->cancelled);
 }
 
-static void place_of_segment(const struct aim *a, double segment, double w[3])
-{
-    sun_day_at(&a->day, 24.0 / SEGMENTS * segment, w);
-}
-
 /* The first one that is left from the sun's on. SEGMENTS: none. */
 static uint32_t next_segment(const struct aim *a, const bool *over)
 {
@@ -337,7 +342,7 @@ static uint32_t next_segment(const struct aim *a, const bool *over)
     uint32_t nearest = 0;
 
     for (uint32_t k = 0; k < SEGMENTS; k++) {
-        place_of_segment(a, k + 0.5, w);
+        sun_day_at(&a->day, 24.0 / SEGMENTS * (k + 0.5), w);
         const double c = w[0] * a->axis[0] + w[1] * a->axis[1] + w[2] * a->axis[2];
         nearest = c > most ? k : nearest;
         most = fmax(most, c);
@@ -356,7 +361,7 @@ static enum err look_along_segment(struct relight_builder *b, struct aim *a, uin
     enum err e = ERR_OK;
 
     for (uint32_t k = 0; k < PLACES; k++)
-        place_of_segment(a, segment + (double)k / (PLACES - 1), w[k]);
+        sun_day_at(&a->day, 24.0 / SEGMENTS * (segment + (double)k / (PLACES - 1)), w[k]);
     for (uint32_t turn = 0; !e && turn < turns && w[PLACES / 2][1] > -SUN_RADIUS; turn++) {
         precedence_give_way(b->urgent);
         e = follow_aim(b, a) ? transport_look_at(a->transport, w, PLACES, turn, turns, a->since) : ERR_END;
@@ -369,43 +374,38 @@ static enum err look_along_day(struct relight_builder *b, struct aim *a)
 {
     bool over[SEGMENTS] = { false };
     enum err e = ERR_OK;
-    uint32_t segment;
 
-    while (!e && (segment = next_segment(a, over)) < SEGMENTS) {
-        e = look_along_segment(b, a, segment);
-        over[segment] = true;
-    }
+    for (uint32_t k; !e && (k = next_segment(a, over)) < SEGMENTS; over[k] = true)
+        e = look_along_segment(b, a, k);
     return e;
 }
 
-#define MORE_TILES 1.125 /* than in the file, which is then written again; one day is much like the next */
-
 static void follow_sun(struct relight_builder *b)
 {
-    static const char what[] = "sun";
     struct digest d = { { 0 } };
     struct relight_keep keep;
     struct aim last = { .transport = NULL }, now;
     enum err said = ERR_END; /* each outcome is told when it changes, not every day */
     uint32_t kept = 0;
 
-    digest_bytes(&d, what, sizeof(what));
+    digest_bytes(&d, "sun", sizeof("sun"));
     relight_keep_init_paths(&keep, &b->keep, b->set, &b->light, &d);
     while (await_day(b, &last, &now)) {
         const double start = clock_seconds();
-        if (!last.transport && relight_keep_load_sun(&keep, now.transport))
+        const struct digest day = digest_of_day(&now.day);
+        bool whole = false;
+        if (!last.transport && relight_keep_load_sun(&keep, now.transport, &day, &whole))
             kept = transport_sun_tiles(now.transport);
-        const enum err e = look_along_day(b, &now);
-        if (!e && transport_sun_tiles(now.transport) > MORE_TILES * kept) {
-            relight_keep_save_sun(&keep, now.transport);
+        const enum err e = whole ? ERR_OK : look_along_day(b, &now);
+        if (!e && !whole && (!last.transport || transport_sun_tiles(now.transport) > MORE_TILES * kept)) {
+            relight_keep_save_sun(&keep, now.transport, &day);
             kept = transport_sun_tiles(now.transport);
         }
         if (e != said && !e)
             log_info("sun: what points see of it on this day is known after %.1f s in the background",
                      clock_seconds() - start);
         else if (e != said && e == ERR_RANGE)
-            log_info(
-                "sun: --cache-memory has no room for all that points see of it on one day; images ask for the rest");
+            log_info("sun: --cache-memory has no room for what points see of it on a day; images ask for the rest");
         said = e == ERR_END ? said : e;
         last = now;
     }
@@ -432,7 +432,6 @@ static void *build_main(void *arg)
     const bool indirect = b->wanted && !load_indirect(b);
 
     atomic_store(&b->computes, indirect || !b->loaded);
-
     omp_set_num_threads((int)b->threads);
     if (indirect)
         build_quick_indirect(b);

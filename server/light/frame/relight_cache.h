@@ -68,9 +68,9 @@ bool relight_keep_load_paths(struct relight_keep *k, const struct prepared_scene
 void relight_keep_save_paths(struct relight_keep *k, const struct relight_paths *p);
 
 /* The file of what points see of the sun, which lies there too, and whose place relight_keep_init_paths names: adds it
- * to t, false if there is none; and stores it. */
-bool relight_keep_load_sun(struct relight_keep *k, struct transport *t);
-void relight_keep_save_sun(struct relight_keep *k, struct transport *t);
+ * to t, false if there is none, *whole: it has all of the day with this digest; and stores it, with all of a day. */
+bool relight_keep_load_sun(struct relight_keep *k, struct transport *t, const struct digest *day, bool *whole);
+void relight_keep_save_sun(struct relight_keep *k, struct transport *t, const struct digest *day);
 
 struct relight_builder;
 

@@ -254,15 +254,18 @@ void relight_keep_save_paths(struct relight_keep *k, const struct relight_paths 
 
 /* ---- The sun's way ---- */
 
-bool relight_keep_load_sun(struct relight_keep *k, struct transport *t)
+static const char day_section[] = "day"; /* nothing; its key says of which day all is known */
+
+bool relight_keep_load_sun(struct relight_keep *k, struct transport *t, const struct digest *day, bool *whole)
 {
     struct cache_reader *r;
-    struct reason why;
+    struct reason why, ignored;
     enum err e = open_file(k, &r, &why);
 
     if (!e && !r)
         return false;
     e = e ? e : transport_load_sun(t, r, &k->key, &why);
+    *whole = !e && !cache_reader_find(r, day_section, day, &ignored);
     cache_reader_close(r);
     if (e && refuse(k, e, "way of the sun", &why))
         log_warning("%s: %s", k->place.path, why.text);
@@ -273,6 +276,7 @@ bool relight_keep_load_sun(struct relight_keep *k, struct transport *t)
 
 struct kept_sun { /* what relight_keep_save_sun stores */
     const struct relight_keep *keep;
+    const struct digest *day;
     struct transport_sun_copy copy;
 };
 
@@ -281,11 +285,12 @@ static void add_sun(const void *context, struct cache_writer *w)
     const struct kept_sun *c = context;
 
     transport_save_sun(&c->copy, &c->keep->key, w);
+    cache_writer_section(w, day_section, c->day);
 }
 
-void relight_keep_save_sun(struct relight_keep *k, struct transport *t)
+void relight_keep_save_sun(struct relight_keep *k, struct transport *t, const struct digest *day)
 {
-    struct kept_sun all = { .keep = k };
+    struct kept_sun all = { .keep = k, .day = day };
 
     if (k->place.path[0] && !k->unwritable && !transport_copy_sun(t, &all.copy))
         store(k, "the sun's way", all.copy.size, add_sun, &all);
