@@ -20,8 +20,9 @@ struct accumulation {
     unsigned glide;     /* still to take */
     float *half[2];     /* B, [packets][3][16], as what follows */
     float *shown;
-    float *target;      /* what it moves to */
-    float *count;       /* [packets]: n; 0: nothing is known */
+    float *target; /* what it moves to */
+    float *count;  /* [packets]: n; 0: nothing is known */
+    const float *samples[2];
     const float *scale; /* what errors are relative to: `shown`, or what the caller gave */
     double soft;        /* 1e-2 mean(scale)^2 */
 };
@@ -101,7 +102,7 @@ static double softness(const struct accumulation *h)
 /* Sums of V and D over a packet. */
 static void compare(const struct accumulation *h, uint32_t packet, double *own, double *off)
 {
-    const float *a = denoiser_half(h->denoiser, 0), *b = denoiser_half(h->denoiser, 1);
+    const float *a = h->samples[0], *b = h->samples[1];
 
     for (size_t k = packet * FLOATS; k < (packet + 1) * FLOATS; k++) {
         const double r = (double)h->scale[k], per = 1.0 / (r * r + h->soft);
@@ -118,7 +119,7 @@ static void add_packet(struct accumulation *h, uint32_t packet, double share)
     const double n = (double)h->count[packet], w = fmin(n / (n + 1.0), share);
 
     for (int half = 0; half < 2; half++) {
-        const float *s = denoiser_half(h->denoiser, half);
+        const float *s = h->samples[half];
         float *to = h->half[half];
         for (size_t k = packet * FLOATS; k < (packet + 1) * FLOATS; k++)
             to[k] = s[k] + (float)w * (to[k] - s[k]);
@@ -144,7 +145,7 @@ static void add_group(struct accumulation *h, uint32_t g)
  * independent samples or, if more, of the two halves' sums, which have what pixels share. */
 static void follow_mean(struct accumulation *h)
 {
-    const float *a = denoiser_half(h->denoiser, 0), *b = denoiser_half(h->denoiser, 1);
+    const float *a = h->samples[0], *b = h->samples[1];
     double now[3] = { 0.0 }, was[3] = { 0.0 }, noise[3] = { 0.0 }, all[3] = { 0.0 };
     float gain[3];
 
@@ -167,10 +168,12 @@ static void follow_mean(struct accumulation *h)
             h->half[half][k] *= gain[k / PACKET % 3];
 }
 
-void accumulation_add(struct accumulation *h, const float *scale)
+void accumulation_add(struct accumulation *h, const float *const samples[2], const float *scale)
 {
     const uint32_t groups = (h->packets + GROUP - 1) / GROUP;
 
+    for (int k = 0; k < 2; k++)
+        h->samples[k] = samples ? samples[k] : denoiser_half(h->denoiser, k);
     if (h->shows && !h->still)
         follow_mean(h);
     h->scale = scale ? scale : h->shown;
@@ -230,20 +233,33 @@ unsigned accumulation_leave(struct accumulation *h, bool last, float *lo)
     return h->glide;
 }
 
-void accumulation_show(struct accumulation *h, const float *const more[2], float *lo)
+uint32_t accumulation_parts(const struct accumulation *h)
+{
+    return denoiser_parts(h->denoiser);
+}
+
+void accumulation_show_part(struct accumulation *h, uint32_t part, const float *const more[2], float *lo)
 {
     const float *filtered[2];
 
     for (int k = 0; k < 2; k++)
         filtered[k] = more ? denoiser_half(h->denoiser, k) : h->half[k];
-    if (more)
+    if (part == 0 && more)
         add_more(h, more);
-    denoiser_filter(h->denoiser, filtered, h->target);
+    denoiser_filter_part(h->denoiser, part, filtered, h->target);
+    if (part + 1 < accumulation_parts(h))
+        return;
     h->glide = h->shows && h->steps > 0 ? h->steps : 1;
     h->shows = true;
     h->leaves = false;
     h->turn++;
     accumulation_glide(h, lo);
+}
+
+void accumulation_show(struct accumulation *h, const float *const more[2], float *lo)
+{
+    for (uint32_t part = 0; part < accumulation_parts(h); part++)
+        accumulation_show_part(h, part, more, lo);
 }
 
 const float *accumulation_half(const struct accumulation *h, int k)

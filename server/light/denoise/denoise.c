@@ -5,6 +5,7 @@
 struct denoiser {
     struct filter *filter;
     float *half[2]; /* [packet_count][3][16] */
+    uint64_t uses;
 };
 
 struct denoiser *denoiser_create(const struct gbuffer *g, const struct view *v, const char *level)
@@ -35,10 +36,28 @@ void denoiser_destroy(struct denoiser *d)
 
 float *denoiser_half(struct denoiser *d, int k)
 {
+    d->uses++;
     return d->half[k];
 }
 
 void denoiser_filter(struct denoiser *d, const float *const half[2], float *lo)
 {
+    d->uses++;
     filter_run(d->filter, half, lo);
+}
+
+uint32_t denoiser_parts(const struct denoiser *d)
+{
+    return filter_parts(d->filter);
+}
+
+void denoiser_filter_part(struct denoiser *d, uint32_t part, const float *const half[2], float *lo)
+{
+    d->uses++;
+    filter_part(d->filter, part, half, lo);
+}
+
+uint64_t denoiser_uses(const struct denoiser *d)
+{
+    return d->uses;
 }

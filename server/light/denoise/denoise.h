@@ -23,6 +23,13 @@ float *denoiser_half(struct denoiser *d, int k);
  * halves. */
 void denoiser_filter(struct denoiser *d, const float *const half[2], float *lo);
 
+/* The same in parts (filter_part). */
+uint32_t denoiser_parts(const struct denoiser *d);
+void denoiser_filter_part(struct denoiser *d, uint32_t part, const float *const half[2], float *lo);
+
+/* How often its halves were asked for and parts run: another number means that others have used it meanwhile. */
+uint64_t denoiser_uses(const struct denoiser *d);
+
 /* ---- Splats ---- */
 
 /* Lone bright splats of the light tracer in denoised images (denoise.h), whose filter works on shade points. The
@@ -71,6 +78,10 @@ void filter_destroy(struct filter *f); /* NULL is allowed */
  * float[packet_count][3][16], as direct_shade writes them, `to` none of the halves. Runs on all OpenMP threads; the
  * bits do not depend on their number. Thread: one at a time. */
 void filter_run(struct filter *f, const float *const half[2], float *to);
+
+/* The same in parts that take about as long each, one after another with the same halves; the last writes. */
+uint32_t filter_parts(const struct filter *f);
+void filter_part(struct filter *f, uint32_t part, const float *const half[2], float *to);
 
 /* ---- Over time ---- */
 
@@ -131,9 +142,10 @@ unsigned accumulation_leave(struct accumulation *h, bool last, float *lo);
 /* The number of images before, for their random numbers. */
 uint64_t accumulation_turn(const struct accumulation *h);
 
-/* Takes the samples from denoiser_half(.., 0 and 1). Do not call it if they are incomplete. scale:
- * the light that errors are relative to, float[packet_count][3][16]; NULL: the history's own. */
-void accumulation_add(struct accumulation *h, const float *scale);
+/* Takes the samples, two halves of float[packet_count][3][16]; NULL: those of denoiser_half(.., 0 and 1). Do not call
+ * it if they are incomplete. scale: the light that errors are relative to, float[packet_count][3][16]; NULL: the
+ * history's own. */
+void accumulation_add(struct accumulation *h, const float *const samples[2], const float *scale);
 
 /* B's halves a and b, for k = 0 and 1: float[packet_count][3][16]. Borrowed. */
 const float *accumulation_half(const struct accumulation *h, int k);
@@ -141,3 +153,8 @@ const float *accumulation_half(const struct accumulation *h, int k);
 /* Writes the image's light to lo, float[packet_count][3][16]. more: two halves of further light of this image, in
  * the same layout, which are filtered together with it; NULL: none. Ends the image. */
 void accumulation_show(struct accumulation *h, const float *const more[2], float *lo);
+
+/* The same in parts that take about as long each, one after another; the last writes. denoiser_uses tells whether
+ * others have used the denoiser between two: then begin again with the first. */
+uint32_t accumulation_parts(const struct accumulation *h);
+void accumulation_show_part(struct accumulation *h, uint32_t part, const float *const more[2], float *lo);

@@ -260,7 +260,7 @@ static void turn(struct points *p)
     p->next = old;
 }
 
-static void filter_layer(const struct filter *f, struct layer *l, const float *const half[2])
+static void begin_layer(const struct filter *f, struct layer *l, const float *const half[2])
 {
     const size_t count = l->points.count;
 
@@ -268,22 +268,46 @@ static void filter_layer(const struct filter *f, struct layer *l, const float *c
     run_layer(f, l, 0);
     memcpy(l->first, l->points.next + LIGHT_VARIANCE * count, count * sizeof(float));
     memcpy(l->points.light + LIGHT_VARIANCE * count, l->first, count * sizeof(float));
-    for (int k = 0; k < FILTER_LEVELS; k++) {
+}
+
+enum { LAYER_PARTS = 3 };
+
+static void filter_layer(const struct filter *f, struct layer *l, uint32_t part, const float *const half[2])
+{
+    static const int levels[LAYER_PARTS + 1] = { 0, 0, 2, FILTER_LEVELS };
+
+    if (part == 0)
+        begin_layer(f, l, half);
+    for (int k = levels[part]; k < levels[part + 1]; k++) {
         run_layer(f, l, 1u << k);
         turn(&l->points);
     }
 }
 
+uint32_t filter_parts(const struct filter *f)
+{
+    return LAYER_PARTS * f->layer_count + 2;
+}
+
+void filter_part(struct filter *f, uint32_t part, const float *const half[2], float *to)
+{
+    if (part < LAYER_PARTS * f->layer_count) {
+        filter_layer(f, &f->layers[part / LAYER_PARTS], part % LAYER_PARTS, half);
+    } else if (part + 1 < filter_parts(f)) {
+        put_light(f, half, f->rest_point, &f->rest);
+        run_rest(f);
+        turn(&f->rest);
+    } else {
+        for (uint32_t k = 0; k < f->layer_count; k++)
+            take_layer(f, &f->layers[k], k ? REST_CLAMP : 1.0f, half, to);
+        take_rest(f, to);
+    }
+}
+
 void filter_run(struct filter *f, const float *const half[2], float *to)
 {
-    for (uint32_t k = 0; k < f->layer_count; k++)
-        filter_layer(f, &f->layers[k], half);
-    put_light(f, half, f->rest_point, &f->rest);
-    run_rest(f);
-    turn(&f->rest);
-    for (uint32_t k = 0; k < f->layer_count; k++)
-        take_layer(f, &f->layers[k], k ? REST_CLAMP : 1.0f, half, to);
-    take_rest(f, to);
+    for (uint32_t part = 0; part < filter_parts(f); part++)
+        filter_part(f, part, half, to);
 }
 
 extern const struct filter_kernel filter_kernel_baseline, filter_kernel_v3, filter_kernel_v4;

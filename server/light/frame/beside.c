@@ -17,12 +17,13 @@
 #define MOST_PATHS 2 /* of a point, where eye paths find caustics or indirect light that the cache leaves to them */
 
 /* What an image under a moving sky takes one of, and all others take together: half of the stored paths, the other
- * half, parts of one half of the samples, then of the other, and the filter. */
+ * half, parts of one half of the samples, then of the other; the history takes them, and parts of the filter. */
 enum { SLICE_STORED, SLICE_STORED_OTHER, SLICE_SAMPLES };
 
-#define PART_PATHS 40000 /* eye paths of a part, about, */
-#define PARTICLE_PATHS 2 /* each of whose rays a particle needs twice as many */
-#define PARTS_MOST 8     /* of half of the samples */
+#define PART_PATHS 40000  /* eye paths of a part, about, */
+#define PARTICLE_PATHS 2  /* each of whose rays a particle needs twice as many */
+#define PARTS_MOST 8      /* of half of the samples */
+#define PART_POINTS 40000 /* that the filter has for each of its slices, about */
 
 /* A sky that has changed by more since the last image is not worth gliding to: of its energy, and radians of its sun, 3
  * degrees, for which a day's sun takes 12 minutes. */
@@ -44,6 +45,7 @@ struct beside {
     uint64_t key;                /* of the last image */
     uint32_t parts;              /* of half of the samples, in this round */
     uint32_t slice;              /* the next */
+    uint64_t uses;               /* of the denoiser, after the last one */
     bool shows;                  /* the accumulation has light of this key */
     double energy;               /* of the last image's sky */
     float sun[3];                /* and where its sun was */
@@ -120,9 +122,21 @@ bool beside_wanted(const struct prepared_scene *set, const struct relight_desc *
     return desc->remember && set->facts.casters > 0 && desc->classes & (PATH_CAUSTICS | PATH_INDIRECT_CAUSTIC);
 }
 
+static uint32_t filter_steps(const struct beside *b)
+{
+    return 1 + accumulation_parts(b->accumulation);
+}
+
+static uint32_t filter_slices(const struct beside *b)
+{
+    const uint64_t slices = 1 + b->points / 3 / PART_POINTS;
+
+    return slices < filter_steps(b) ? (uint32_t)slices : filter_steps(b);
+}
+
 static uint32_t slices(const struct beside *b)
 {
-    return SLICE_SAMPLES + 2 * b->parts + 1;
+    return SLICE_SAMPLES + 2 * b->parts + filter_slices(b);
 }
 
 /* The parts that half of an image's samples take. */
@@ -336,19 +350,35 @@ static enum err run_half(struct beside *b, struct passes *s, const struct enviro
     return result;
 }
 
-static void filter(struct beside *b, const float *lo)
+/* The samples of the round become part of the history. lo: what errors are relative to. */
+static void take_samples(struct beside *b, const float *lo)
 {
-    const float *const stored[2] = { b->stored[0], b->stored[1] };
+    const float *const samples[2] = { b->half[0], b->half[1] };
 
-    for (int k = 0; k < 2; k++)
-        memcpy(denoiser_half(b->denoiser, k), b->half[k], b->points * sizeof(float));
-    accumulation_add(b->accumulation, lo);
-    accumulation_show(b->accumulation, stored, b->shown);
+    accumulation_add(b->accumulation, samples, lo);
     const float share = 1.0f / (float)++b->rounds;
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < b->images * b->values; i++)
         b->rest[i] = b->rounds > 1 ? b->rest[i] + share * (b->fresh[i] - b->rest[i]) : b->fresh[i];
-    b->shows = true;
+}
+
+/* Slice k of these: the history takes the samples, and parts of the filter. If others have used the denoiser since the
+ * slice before, all that is left, from the filter's first part on. */
+static void filter(struct beside *b, const float *lo, uint32_t k)
+{
+    const float *const stored[2] = { b->stored[0], b->stored[1] };
+    const uint32_t steps = filter_steps(b), count = filter_slices(b);
+    const bool lost = k > 0 && denoiser_uses(b->denoiser) != b->uses;
+    const uint32_t first = lost ? 1 : k * steps / count, end = lost ? steps : (k + 1) * steps / count;
+
+    for (uint32_t step = first; step < end; step++)
+        if (step == 0)
+            take_samples(b, lo);
+        else
+            accumulation_show_part(b->accumulation, step - 1, stored, b->shown);
+    b->slice = lost ? slices(b) - 1 : b->slice;
+    b->shows = b->shows || end == steps;
+    b->uses = denoiser_uses(b->denoiser);
 }
 
 static enum err run_slice(struct beside *b, struct passes *s, struct relight_caustics *c, const struct environment *e,
@@ -360,13 +390,14 @@ static enum err run_slice(struct beside *b, struct passes *s, struct relight_cau
         b->parts = count_parts(b, eye);
         begin(b, whole);
     }
+    const uint32_t sampled = SLICE_SAMPLES + 2 * b->parts;
     if (b->slice < SLICE_SAMPLES)
         result = run_stored(b, c, e, b->slice - SLICE_STORED, stats);
-    else if (b->slice + 1 == slices(b))
-        filter(b, s->lo);
-    else
+    else if (b->slice < sampled)
         result =
             run_half(b, s, e, eye, (b->slice - SLICE_SAMPLES) / b->parts, (b->slice - SLICE_SAMPLES) % b->parts, stats);
+    else
+        filter(b, s->lo, b->slice - sampled);
     b->slice = result || is_cancelled(b->cancel) ? SLICE_STORED : (b->slice + 1) % slices(b);
     return result;
 }

@@ -47,7 +47,7 @@ static void image(struct rig *r, float a, float b)
         denoiser_half(r->denoiser, 0)[i] = a;
         denoiser_half(r->denoiser, 1)[i] = b;
     }
-    accumulation_add(r->accumulation, NULL);
+    accumulation_add(r->accumulation, NULL, NULL);
     accumulation_show(r->accumulation, NULL, r->lo);
 }
 
@@ -73,7 +73,7 @@ static void light_without_a_cache_glides(void **state)
         denoiser_half(r.denoiser, 0)[i] = 1.2f;
         denoiser_half(r.denoiser, 1)[i] = 1.6f;
     }
-    accumulation_add(r.accumulation, NULL);
+    accumulation_add(r.accumulation, NULL, NULL);
     accumulation_show(r.accumulation, NULL, r.lo);
     const float first = shown(&r) - was[2];
     assert_true(accumulation_glides(r.accumulation) && first > 0.0f && first < 0.02f);
@@ -90,7 +90,7 @@ static void light_without_a_cache_glides(void **state)
     assert_false(accumulation_glides(r.accumulation));
     assert_true(shown(&r) > 1.15f && shown(&r) < 1.45f);
     accumulation_begin(r.accumulation, 2, ACCUMULATION_GLIDE); /* other light is displayed at once */
-    accumulation_add(r.accumulation, NULL);
+    accumulation_add(r.accumulation, NULL, NULL);
     accumulation_show(r.accumulation, NULL, r.lo);
     assert_false(accumulation_glides(r.accumulation));
     rig_finish(&r);
@@ -104,7 +104,7 @@ static void show_halves(struct rig *r, bool still, float a, float b)
         denoiser_half(r->denoiser, 0)[i] = a;
         denoiser_half(r->denoiser, 1)[i] = b;
     }
-    accumulation_add(r->accumulation, NULL);
+    accumulation_add(r->accumulation, NULL, NULL);
     accumulation_show(r->accumulation, NULL, r->lo);
 }
 
@@ -164,7 +164,7 @@ static void a_glide_of_a_round_is_even(void **state)
         denoiser_half(r.denoiser, 0)[i] = 1.2f;
         denoiser_half(r.denoiser, 1)[i] = 1.6f;
     }
-    accumulation_add(r.accumulation, NULL);
+    accumulation_add(r.accumulation, NULL, NULL);
     accumulation_show(r.accumulation, NULL, r.lo);
     for (int k = 1; k <= STEPS; k++) {
         at[k] = shown(&r);
@@ -237,7 +237,7 @@ static void another_key_forgets_all(void **state)
     accumulation_begin(r.accumulation, 2, 0);
     for (size_t i = 0; i < r.floats; i++)
         denoiser_half(r.denoiser, 0)[i] = denoiser_half(r.denoiser, 1)[i] = 1.0f;
-    accumulation_add(r.accumulation, NULL);
+    accumulation_add(r.accumulation, NULL, NULL);
     accumulation_show(r.accumulation, NULL, r.lo);
     assert_float_equal(shown(&r), 1.0, 1e-5);
     rig_finish(&r);

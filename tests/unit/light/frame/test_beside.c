@@ -1,5 +1,6 @@
 /* Caustics of live images (light/frame/beside.h): they wait for nothing, are the light that other images have,
  * improve from image to image, and follow the sky. RING: docs/examples. */
+#include "light/denoise/denoise.h"
 #include "light/frame/frame_plan.h"
 #include "light/frame/relighter.h"
 #include "light/frame/stage.h"
@@ -305,6 +306,51 @@ static void images_under_a_moving_sky_take_turns(void **state)
     stage_finish(&truth);
 }
 
+/* Another image is filtered, as bright as nothing in the scene is. */
+static void filter_another(struct stage *s, float *lo)
+{
+    struct denoiser *d = s->relighter->denoiser;
+    const float *const half[2] = { denoiser_half(d, 0), denoiser_half(d, 1) };
+
+    for (int k = 0; k < 2; k++)
+        for (size_t i = 0; i < s->set->gbuffer->packet_count * 3 * (size_t)PACKET; i++)
+            denoiser_half(d, k)[i] = 1e6f;
+    denoiser_filter(d, half, lo);
+}
+
+/* In a larger image the filter takes several slices, and others use it between two of them: after each of these images,
+ * of which none is brighter than the first one. If a slice went on where the one before ended, some would be 200,000
+ * times as bright. */
+static void others_may_filter_between_slices(void **state)
+{
+    struct stage s =
+        stage_make(&(struct prepared_scene_desc){ .scene = RING, .width = 384, .height = 216 }, sun_at(20));
+    float *lo = mem_alloc(s.set->gbuffer->packet_count, 3 * PACKET * sizeof(*lo));
+    struct relight_desc light = caustics;
+    struct relight_stats stats;
+    double first = 0.0, most = 0.0;
+    (void)state;
+
+    assert_true(s.set->gbuffer->packet_count * PACKET > 80000);
+    light.denoise = false;
+    light.classes = PATH_DIRECT | PATH_CAUSTICS;
+    light.direct.method = METHOD_CACHED;
+    for (uint32_t k = 0; k < 16; k++) {
+        double sum = 0.0;
+        turn_sky(&s, 0.5 * k);
+        run(&s, &light, &stats);
+        for (int v = 0; v < 3 * 384 * 216; v++)
+            sum += (double)s.rgb[v];
+        first = k == 0 ? sum : first;
+        most = fmax(most, sum);
+        filter_another(&s, lo);
+    }
+    printf("at most %.2f times as bright\n", most / first);
+    assert_true(first > 0.0 && most < 1.2 * first);
+    mem_free(lo);
+    stage_finish(&s);
+}
+
 /* Once the builder has stored the paths of caustics, images trace none behind glass, and have the same light. Without
  * the stored paths behind glass they have 0.74 of it. */
 static void the_builder_stores_what_images_trace_before(void **state)
@@ -417,6 +463,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(another_run_reads_them),
     cmocka_unit_test(the_builder_stores_what_images_trace_before),
     cmocka_unit_test(images_under_a_moving_sky_take_turns),
+    cmocka_unit_test(others_may_filter_between_slices),
     cmocka_unit_test(the_store_grows_while_images_are_made),
     cmocka_unit_test(they_are_the_light_of_other_images),
     cmocka_unit_test(images_learn_and_forget),
