@@ -39,6 +39,7 @@ struct status_board {
 
     pthread_mutex_t lock;
     struct server_figures figures; /* {lock} */
+    double uneven_ms;              /* {lock} by which images last longer or shorter than figures.shaded_ms */
     uint64_t cache_rays;           /* {lock} traced for the current cache */
     const char **cameras;          /* {lock} names, terminated by NULL, followed by their text */
 };
@@ -101,7 +102,8 @@ void status_set_lamps(struct status_board *b, uint32_t samples, uint32_t wanted)
 
 /* Whether every received frame was shaded, dropped or refused. */
 bool status_all_frames_done(struct status_board *b);
-/* Milliseconds by which shading recently takes longer than reading a frame; 0 if it does not. */
+/* Milliseconds by which shading recently takes longer than reading a frame, but for what images differ by: a frame that
+ * is late costs time, one that is early is only that much older. 0 if it does not. */
 double status_shading_excess_ms(struct status_board *b);
 
 /* The targets of live images. */

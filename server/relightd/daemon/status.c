@@ -11,7 +11,6 @@
 #include <string.h>
 #include <time.h>
 
-
 static const char *const panoramic[] = { "latlong", "latlong-rows", NULL };
 
 void status_init(struct status_board *b, struct shared *shared)
@@ -327,6 +326,7 @@ void status_image_shaded(struct status_board *b, const struct image_report *repo
         s->queued_ms = smooth(s->queued_ms, 1e-3 * p->queued_us);
         s->decoded_ms = smooth(s->decoded_ms, 1e-3 * p->decoded_us);
     }
+    b->uneven_ms = smooth(b->uneven_ms, fabs(1e-3 * p->shaded_us - s->shaded_ms));
     s->shaded_ms = smooth(s->shaded_ms, 1e-3 * p->shaded_us);
     if (report->interval_s > 0.0)
         s->fps = 1.0 / smooth(s->fps > 0.0 ? 1.0 / s->fps : 0.0, report->interval_s);
@@ -411,7 +411,7 @@ bool status_all_frames_done(struct status_board *b)
 double status_shading_excess_ms(struct status_board *b)
 {
     pthread_mutex_lock(&b->lock);
-    const double slack = b->figures.shaded_ms - b->figures.decoded_ms;
+    const double slack = b->figures.shaded_ms - b->uneven_ms - b->figures.decoded_ms;
     pthread_mutex_unlock(&b->lock);
     return slack > 0.0 ? slack : 0.0;
 }
