@@ -1,9 +1,11 @@
 /* Popping: one map, rotated by a hundredth of a texel per frame for 300 frames, while its sun crosses texels and an
- * edge of the cube; and normals that turn across a face's border. Random numbers are the same in every frame: remaining
- * changes are the estimators' own. The second difference of each point from frame to frame is counted in samples: N_s
- * times it, over the point's unoccluded value. One sample that comes or goes is about 1.
+ * edge of the cube; normals that turn across a face's border; and a sun whose shadows glide, by the cache. Random
+ * numbers are the same in every frame: remaining changes are the estimators' own. The second difference of each point
+ * from frame to frame is counted in samples: N_s times it, over the point's unoccluded value. One sample that comes or
+ * goes is about 1.
  *
  * No statistics: seeds are fixed, and bounds are one and a half times the measured values. */
+#include "light/cache_direct/transports.h"
 #include "stability.h"
 
 enum { FRAMES = 300, WIDTH = 16, HEIGHT = 12, SAMPLES = 32, LANES_MAX = 24 * PACKET };
@@ -288,8 +290,129 @@ static void normals_that_turn_across_a_face_border_do_not_pop(void **state)
     verdict();
 }
 
+/* ---- Shadows by the cache ---- */
+
+enum { STEPS = 32, ACROSS = 32, TEXELS = 64, HOLE = 2 };
+
+/* A cutout image with holes of 9 cm. */
+static uint32_t add_leaf(struct scene *s)
+{
+    struct material m = { .diffuse = { 0.2f, 0.2f, 0.2f },
+                          .texture = MATERIAL_NO_TEXTURE,
+                          .alpha_mode = ALPHA_MASK,
+                          .alpha = 1.0f,
+                          .alpha_cutoff = 0.5f };
+    struct texture t;
+    uint32_t index;
+
+    assert_int_equal(texture_init(&t, TEXELS, TEXELS, TEXTURE_CUTOUT), ERR_OK);
+    memset(t.texels, 255, 4 * TEXELS * TEXELS);
+    for (uint32_t i = 0; i < TEXELS * TEXELS; i++)
+        t.texels[4 * (size_t)i + 3] = (i % TEXELS / HOLE + i / TEXELS / HOLE) % 2 ? 255 : 0;
+    texture_build_levels(&t);
+    assert_int_equal(scene_add_texture(s, &t, &m.alpha_texture), ERR_OK);
+    assert_int_equal(scene_add_material(s, &m, &index), ERR_OK);
+    return index;
+}
+
+/* A floor under such a mask, or under slats that are 20 cm wide. */
+static struct prepared_scene *under_roof(bool leaves)
+{
+    static const struct camera above = { "above", { 0, 1.4f, 0.01f }, { 0, 0, 0 }, { 0, 0, -1 }, 0.9f };
+    struct scene *s = scene_create();
+
+    add_wall(s, add_lambert(s, 0.6f), 1, 0.0f, (const float[2]){ -4, -4 }, (const float[2]){ 4, 4 });
+    if (leaves) {
+        struct mesh m = { .vertex_count = 4, .triangle_count = 2, .material = add_leaf(s) };
+        static const float corners[4][3] = {
+            { -1.5f, 1.5f, -1.5f }, { -1.5f, 1.5f, 1.5f }, { 1.5f, 1.5f, 1.5f }, { 1.5f, 1.5f, -1.5f }
+        };
+        static const float uv[8] = { 0, 0, 0, 1, 1, 1, 1, 0 };
+        static const uint32_t corner_of[6] = { 0, 1, 2, 0, 2, 3 };
+        m.positions = mem_alloc(12, sizeof(float));
+        m.uvs = mem_alloc(8, sizeof(float));
+        m.indices = mem_alloc(6, sizeof(uint32_t));
+        memcpy(m.positions, corners, sizeof(corners));
+        memcpy(m.uvs, uv, sizeof(uv));
+        memcpy(m.indices, corner_of, sizeof(corner_of));
+        assert_int_equal(scene_add_mesh(s, &m), ERR_OK);
+    }
+    for (int k = -8; k < 8 && !leaves; k++)
+        add_box(s, add_lambert(s, 0.2f), (const float[3]){ 0.4f * (float)k, 1.5f, -4 },
+                (const float[3]){ 0.4f * (float)k + 0.2f, 1.52f, 4 });
+    return set_of(s, &above, ACROSS, ACROSS * 3 / 4, 1);
+}
+
+/* A black sky with a sun of 0.53 degrees, turned by so many degrees. */
+static struct environment *sun_alone(double degrees)
+{
+    struct environment *e = environment_create(&(struct environment_desc){ .n = 256 });
+    struct frame f = sky_constant(1024, 512, 0.0f);
+    double w[3] = { 0.5, 1.0, 0.2 };
+    struct reason why;
+
+    unit3(w);
+    sky_disc(&f, w, 0.265, 4e4f, 4e4f, 4e4f);
+    environment_configure(e, &(struct environment_desc){ .layout = LAYOUT_LATLONG, .rotation_degrees = degrees });
+    assert_int_equal(environment_update(e, &f, &why), ERR_OK);
+    frame_finish(&f);
+    return e;
+}
+
+/* The second difference of a point's light, over what it has without any shadow. */
+static void glide_under(bool leaves, double bound)
+{
+    const struct transport_frame frame = { .end = 0 };
+    struct prepared_scene *set = under_roof(leaves);
+    const struct gbuffer *g = set->gbuffer;
+    const size_t floats = (size_t)g->packet_count * 3 * PACKET;
+    struct transport *t = transport_of(g, set->rays, &(struct transport_desc){ .per_cell = 1 });
+    struct transport *open = transport_of(g, NULL, &(struct transport_desc){ .per_cell = 1 });
+    float *lo[3], *all = mem_alloc(floats, sizeof(float));
+    struct transport_frame_stats stats;
+    double worst = 0.0;
+    uint64_t part = 0, points = 0;
+
+    for (int k = 0; k < 3; k++)
+        lo[k] = mem_alloc(floats, sizeof(float));
+    for (int k = 0; k < STEPS; k++) {
+        struct environment *e = sun_alone(0.02 * k);
+        assert_int_equal(transport_shade(t, e, &frame, lo[k % 3], &stats), ERR_OK);
+        assert_int_equal(transport_shade(open, e, &frame, all, &stats), ERR_OK);
+        environment_destroy(e);
+        for (size_t i = 0; i < floats && k >= 2; i++) {
+            const double full = (double)all[i];
+            const double second = (double)lo[k % 3][i] - 2.0 * (double)lo[(k + 2) % 3][i] + (double)lo[(k + 1) % 3][i];
+            worst = full > 0.0 ? fmax(worst, fabs(second) / full) : worst;
+            part += full > 0.0 && lo[k % 3][i] > 0.05f * all[i] && lo[k % 3][i] < 0.95f * all[i];
+            points += full > 0.0;
+        }
+    }
+    const char *name = leaves ? "a sun that glides behind a mask of leaves" : "a sun that glides: penumbrae of slats";
+    holds_below(name, "cached", "second difference in full suns", worst, bound, "");
+    say_bounded(name, "cached", "share of points in penumbrae", (double)part / (double)points, ">=", 0.05,
+                part * 20 >= points, "", "holds");
+    for (int k = 0; k < 3; k++)
+        mem_free(lo[k]);
+    mem_free(all);
+    transport_destroy(t);
+    transport_destroy(open);
+    set_destroy(set);
+}
+
+/* What a point sees of the sun is kept by direction, so that between frames only the directions' shares of the sun's
+ * light change, and smoothly. In every other frame a direction too far, it is 0.46 full suns and more. */
+static void shadows_of_a_gliding_sun_do_not_pop(void **state)
+{
+    (void)state;
+    glide_under(false, 0.002);
+    glide_under(true, 0.004);
+    verdict();
+}
+
 static const struct CMUnitTest tests[] = {
     cmocka_unit_test(a_map_that_turns_by_a_hundredth_of_a_texel_does_not_pop),
     cmocka_unit_test(normals_that_turn_across_a_face_border_do_not_pop),
+    cmocka_unit_test(shadows_of_a_gliding_sun_do_not_pop),
 };
 UNIT_MAIN(tests)
