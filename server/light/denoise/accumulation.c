@@ -233,22 +233,9 @@ unsigned accumulation_leave(struct accumulation *h, bool last, float *lo)
     return h->glide;
 }
 
-uint32_t accumulation_parts(const struct accumulation *h)
+/* Begins to move to what was filtered. */
+static void show(struct accumulation *h, float *lo)
 {
-    return denoiser_parts(h->denoiser);
-}
-
-void accumulation_show_part(struct accumulation *h, uint32_t part, const float *const more[2], float *lo)
-{
-    const float *filtered[2];
-
-    for (int k = 0; k < 2; k++)
-        filtered[k] = more ? denoiser_half(h->denoiser, k) : h->half[k];
-    if (part == 0 && more)
-        add_more(h, more);
-    denoiser_filter_part(h->denoiser, part, filtered, h->target);
-    if (part + 1 < accumulation_parts(h))
-        return;
     h->glide = h->shows && h->steps > 0 ? h->steps : 1;
     h->shows = true;
     h->leaves = false;
@@ -256,10 +243,23 @@ void accumulation_show_part(struct accumulation *h, uint32_t part, const float *
     accumulation_glide(h, lo);
 }
 
-void accumulation_show(struct accumulation *h, const float *const more[2], float *lo)
+void accumulation_show(struct accumulation *h, float *lo)
 {
-    for (uint32_t part = 0; part < accumulation_parts(h); part++)
-        accumulation_show_part(h, part, more, lo);
+    const float *const half[2] = { h->half[0], h->half[1] };
+
+    denoiser_filter(h->denoiser, half, h->target);
+    show(h, lo);
+}
+
+void accumulation_show_part(struct accumulation *h, uint32_t part, const float *const more[2], float *lo)
+{
+    const float *const half[2] = { denoiser_half(h->denoiser, 0), denoiser_half(h->denoiser, 1) };
+
+    if (part == 0)
+        add_more(h, more);
+    denoiser_filter_part(h->denoiser, part, half, h->target);
+    if (part + 1 == denoiser_parts(h->denoiser))
+        show(h, lo);
 }
 
 const float *accumulation_half(const struct accumulation *h, int k)

@@ -79,7 +79,7 @@ void filter_destroy(struct filter *f); /* NULL is allowed */
  * bits do not depend on their number. Thread: one at a time. */
 void filter_run(struct filter *f, const float *const half[2], float *to);
 
-/* The same in parts that take about as long each, one after another with the same halves; the last writes. */
+/* The same in parts, one after another with the same halves; the last writes. */
 uint32_t filter_parts(const struct filter *f);
 void filter_part(struct filter *f, uint32_t part, const float *const half[2], float *to);
 
@@ -150,11 +150,10 @@ void accumulation_add(struct accumulation *h, const float *const samples[2], con
 /* B's halves a and b, for k = 0 and 1: float[packet_count][3][16]. Borrowed. */
 const float *accumulation_half(const struct accumulation *h, int k);
 
-/* Writes the image's light to lo, float[packet_count][3][16]. more: two halves of further light of this image, in
- * the same layout, which are filtered together with it; NULL: none. Ends the image. */
-void accumulation_show(struct accumulation *h, const float *const more[2], float *lo);
+/* Writes the image's light to lo, float[packet_count][3][16]. Ends the image. */
+void accumulation_show(struct accumulation *h, float *lo);
 
-/* The same in parts that take about as long each, one after another; the last writes. denoiser_uses tells whether
- * others have used the denoiser between two: then begin again with the first. */
-uint32_t accumulation_parts(const struct accumulation *h);
+/* The same with two halves of further light of this image, in the same layout, which are filtered together with it; in
+ * denoiser_parts, of which the last writes and ends the image. denoiser_uses tells whether others have used the
+ * denoiser between two: then begin again with the first. */
 void accumulation_show_part(struct accumulation *h, uint32_t part, const float *const more[2], float *lo);

@@ -124,7 +124,7 @@ bool beside_wanted(const struct prepared_scene *set, const struct relight_desc *
 
 static uint32_t filter_steps(const struct beside *b)
 {
-    return 1 + accumulation_parts(b->accumulation);
+    return 1 + denoiser_parts(b->denoiser);
 }
 
 static uint32_t filter_slices(const struct beside *b)

@@ -8,7 +8,7 @@
  *     x(point) = sum over its pixels (w S / W) / sum over its pixels (w),   W = sum of w over the pixel's such points
  *
  * This light would take most of an image's time. So under a moving sky each image takes one slice of it in turn: half
- * of the stored paths, a part of half of the samples, or a part of the filter, all of which take about as long, so that
+ * of the stored paths, a part of half of the samples, or a part of the filter, none of which takes long, so that
  * images come evenly. What is shown moves to a round's light during the next round, and is a round and a quarter old on
  * average: six images or more, some 24 of the house at 640x360. A sky unlike the last image's, and a
  * still one, get all slices at once.

@@ -295,7 +295,7 @@ static enum err run_accumulate(struct frame_run *f, struct pass *s)
     if (is_cancelled(f->plan->cancel))
         return run_filter(f, s);
     accumulation_add(a, NULL, NULL);
-    accumulation_show(a, NULL, f->lo);
+    accumulation_show(a, f->lo);
     return ERR_OK;
 }
 

@@ -48,7 +48,7 @@ static void image(struct rig *r, float a, float b)
         denoiser_half(r->denoiser, 1)[i] = b;
     }
     accumulation_add(r->accumulation, NULL, NULL);
-    accumulation_show(r->accumulation, NULL, r->lo);
+    accumulation_show(r->accumulation, r->lo);
 }
 
 /* A point that pixels show: others are not filtered. */
@@ -74,7 +74,7 @@ static void light_without_a_cache_glides(void **state)
         denoiser_half(r.denoiser, 1)[i] = 1.6f;
     }
     accumulation_add(r.accumulation, NULL, NULL);
-    accumulation_show(r.accumulation, NULL, r.lo);
+    accumulation_show(r.accumulation, r.lo);
     const float first = shown(&r) - was[2];
     assert_true(accumulation_glides(r.accumulation) && first > 0.0f && first < 0.02f);
     for (int k = 1; k < ACCUMULATION_GLIDE; k++) {
@@ -91,7 +91,7 @@ static void light_without_a_cache_glides(void **state)
     assert_true(shown(&r) > 1.15f && shown(&r) < 1.45f);
     accumulation_begin(r.accumulation, 2, ACCUMULATION_GLIDE); /* other light is displayed at once */
     accumulation_add(r.accumulation, NULL, NULL);
-    accumulation_show(r.accumulation, NULL, r.lo);
+    accumulation_show(r.accumulation, r.lo);
     assert_false(accumulation_glides(r.accumulation));
     rig_finish(&r);
 }
@@ -105,7 +105,7 @@ static void show_halves(struct rig *r, bool still, float a, float b)
         denoiser_half(r->denoiser, 1)[i] = b;
     }
     accumulation_add(r->accumulation, NULL, NULL);
-    accumulation_show(r->accumulation, NULL, r->lo);
+    accumulation_show(r->accumulation, r->lo);
 }
 
 /* Without a cache each image adds its samples, of 1 and then of 2, to the plain mean of all; the light that it
@@ -165,7 +165,7 @@ static void a_glide_of_a_round_is_even(void **state)
         denoiser_half(r.denoiser, 1)[i] = 1.6f;
     }
     accumulation_add(r.accumulation, NULL, NULL);
-    accumulation_show(r.accumulation, NULL, r.lo);
+    accumulation_show(r.accumulation, r.lo);
     for (int k = 1; k <= STEPS; k++) {
         at[k] = shown(&r);
         assert_int_equal(accumulation_glides(r.accumulation), STEPS - k);
@@ -238,7 +238,7 @@ static void another_key_forgets_all(void **state)
     for (size_t i = 0; i < r.floats; i++)
         denoiser_half(r.denoiser, 0)[i] = denoiser_half(r.denoiser, 1)[i] = 1.0f;
     accumulation_add(r.accumulation, NULL, NULL);
-    accumulation_show(r.accumulation, NULL, r.lo);
+    accumulation_show(r.accumulation, r.lo);
     assert_float_equal(shown(&r), 1.0, 1e-5);
     rig_finish(&r);
 }
