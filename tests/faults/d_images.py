@@ -200,7 +200,7 @@ async def D63_another_size_each_time(stage):
     return ", ".join(said)
 
 
-@row(memory_kib=12288)  # tables for each of the sizes, and the first frames of a server
+@row(memory_kib=8192)  # tables for each of the sizes
 async def D64_the_smallest_frames(stage):
     said = []
     for size in ((1, 1), (2, 2), (2, 1), (1, 2), (4, 2), (1, 6)):
