@@ -116,7 +116,7 @@ struct sun_tile {
 /* Light of a frame's sun in a tile. */
 struct sun_part {
     uint32_t key, tile;            /* of its tile; its place in the index */
-    struct sun_corner *corners[4]; /* of the tile, opposite ones after each other */
+    struct sun_corner *corners[4]; /* of the tile */
     uint32_t asked;                /* bits of the directions with light */
     float colour[3];               /* of luminance 1 */
     float flux[3];                 /* integral of luminance times direction */
@@ -163,22 +163,17 @@ static inline size_t transport_head(const struct transport_shape *s)
            (size_t)s->rank * s->chunk_count * SKY_CHUNK * (s->form == TRANSPORT_BYTES ? 1 : sizeof(uint16_t));
 }
 
-/* Visibility of the sun from a packet: bits of the lanes that see some of it, and of the lanes for which some
- * of it is occluded.
- */
+/* What the lanes of a packet see of one direction: bits of those that see the sky, and of those that do not. Neither:
+ * it is below the lane's horizon, or the lane was not asked. */
 struct transport_view {
     uint32_t lit, dark;
 };
 
 struct sun_kernels {
-    /* Looks from some lanes of a packet along some of up to 32 rays: their bits of bits[ray] become 1 if they see the
-     * sky, above their horizons; *view adds them up. Returns the number of rays. rays: NULL if everything is visible.
-     */
-    uint64_t (*trace)(const struct rays *rays, const struct sun_look *looks, const struct shade_packet *p,
-                      uint32_t directions, uint32_t lanes, uint16_t *bits, struct transport_view *view);
-    /* One ray to the tile from each of 16 points, spread over a block's packets. Returns the number of rays. */
-    uint64_t (*probe)(const struct rays *rays, const struct sun_tile *t, const struct shade_packet *packets,
-                      uint32_t count, struct transport_view *view);
+    /* Looks from some lanes of a packet along some of up to 32 rays, and writes the views of those. Returns the number
+     * of rays. rays: NULL if everything is visible. */
+    uint64_t (*trace)(const struct rays *rays, const struct sun_look *const *looks, const struct shade_packet *p,
+                      uint32_t directions, uint32_t lanes, struct transport_view *views);
     /* Adds the light of all of the sun to lo[3][16], as from one direction, for the lanes that see it. False, and
      * nothing is added, if a horizon may cut it. */
     bool (*whole)(const struct transport_sun *s, const struct shade_packet *p, uint32_t lanes, float *lo);

@@ -39,6 +39,20 @@ static uint32_t cell_of(uint32_t k)
     return pixel_cell(order[k / SUN_EDGE], order[k % SUN_EDGE]);
 }
 
+/* The cell and those around it: the few rays that a cell's answer rests on pass by what is narrow at an edge of a
+ * block.
+ */
+static void mark_cells(struct sun_tile *t, uint32_t face, uint32_t row, uint32_t column)
+{
+    for (int k = 0; k < 9; k++) {
+        int i = (int)row + k / 3 - 1, j = (int)column + k % 3 - 1;
+        if ((i < 0 || i >= SKY_EDGE) && (j < 0 || j >= SKY_EDGE))
+            continue; /* three cells meet at a cube's corner */
+        const uint32_t to = cube_step_over(face, SKY_EDGE, &i, &j), cell = sky_cell(to, (uint32_t)i, (uint32_t)j);
+        t->cells[cell / 64] |= (uint64_t)1 << cell % 64;
+    }
+}
+
 static void fill_tile(const struct sun_index *x, struct sun_tile *t, uint32_t grid, uint32_t face, uint32_t row,
                       uint32_t column)
 {
@@ -47,9 +61,8 @@ static void fill_tile(const struct sun_index *x, struct sun_tile *t, uint32_t gr
 
     invert_direction(grid, face, i0 + 0.5 * SUN_EDGE, j0 + 0.5 * SUN_EDGE, t->axis);
     for (uint32_t k = 0; k < SUN_TILE; k++) {
-        const uint32_t i = i0 + k / SUN_EDGE, j = j0 + k % SUN_EDGE,
-                       cell = sky_cell(face, i * SKY_EDGE / grid, j * SKY_EDGE / grid);
-        t->cells[cell / 64] |= (uint64_t)1 << cell % 64;
+        const uint32_t i = i0 + k / SUN_EDGE, j = j0 + k % SUN_EDGE;
+        mark_cells(t, face, i * SKY_EDGE / grid, j * SKY_EDGE / grid);
         invert_direction(grid, face, i + 0.5, j + 0.5, w);
         t->x[k] = w[0];
         t->y[k] = w[1];
@@ -153,9 +166,8 @@ static struct sun_part *find_part(struct transport *t, struct sun_parts *s, uint
     memset(&s->at[s->count], 0, sizeof(*s->at));
     s->at[s->count].key = key;
     s->at[s->count].tile = (uint32_t)tile;
-    for (uint32_t k = 0; k < 4; k++) { /* tiles in a row look at the same corners first */
-        const uint32_t down = k % 2, right = (down + (row + column) % 2 + k / 2) % 2;
-        s->at[s->count].corners[k] = sun_corner_find(corners, t, grid, face, row + down, column + right);
+    for (uint32_t k = 0; k < SUN_CORNERS; k++) {
+        s->at[s->count].corners[k] = sun_corner_find(corners, t, grid, face, row + k / 2, column + k % 2);
         if (!s->at[s->count].corners[k])
             return NULL;
     }
@@ -366,34 +378,25 @@ void transport_sun_finish(struct transport *t)
 
 /* ---- Blocks ---- */
 
-/* If the tile's cells are completely visible, or completely occluded, from all of the block's points, sixteen rays
- * to the tile itself must confirm it. False: packets must be asked. */
+/* True: from all of the block's points the cells about the tile are completely visible, or completely occluded. False:
+ * packets must be asked. */
 static bool judge_block(const struct transport *t, const struct transport_block *b, const struct sun_tile *q,
-                        struct sun_view *out, uint64_t *rays)
+                        struct sun_view *out)
 {
-    struct transport_view view = { 0, 0 };
     uint64_t seen = 0, hidden = 0;
 
-    *out = sun_all_lit;
-    if (!t->rays)
-        return true;
-    for (uint32_t k = 0; k < SKY_CELLS / 64; k++) {
+    for (uint32_t k = 0; t->rays && k < SKY_CELLS / 64; k++) {
         seen |= b->sight->seen[k] & q->cells[k];
         hidden |= b->sight->hidden[k] & q->cells[k];
     }
-    if (seen && hidden)
-        return false;
-    *rays += t->kernels->sun->probe(t->rays, q, &t->gbuffer->packets[b->first], b->packets, &view);
-    if (seen && !view.dark)
-        return true;
-    *out = sun_all_dark;
-    return !view.lit && !seen;
+    *out = seen || !t->rays ? sun_all_lit : sun_all_dark;
+    return !seen || !hidden;
 }
 
 #define DAPPLED 3 /* lanes of a packet that see a part, from which on the others' corners may agree by chance */
 
-/* A point sees all or nothing of a tile if two opposite corners say so; in a packet where some differ, if all four do.
- * Under leaves that would make dappled shade too dark. Returns the number of rows of bits. */
+/* A point sees all or nothing of a tile if its four corners say so. Under leaves that would make dappled shade too
+ * dark. Returns the number of rows of bits. */
 static uint32_t judge_packets(const struct transport *t, const struct transport_block *b, const struct sun_part *p,
                               struct sun_view *v, uint64_t *rays)
 {
@@ -401,9 +404,7 @@ static uint32_t judge_packets(const struct transport *t, const struct transport_
 
     memset(v, 0, sizeof(*v));
     for (uint32_t k = 0; k < b->packets; k++) {
-        struct transport_view view = { 0, 0 };
-        for (uint32_t c = 0; c < 4 && (c < 2 || view.lit & view.dark); c++)
-            sun_corner_look(t, p->corners[c], b->first + k, &view, rays);
+        const struct transport_view view = sun_corners_look(t, p->corners, b->first + k, rays);
         const uint32_t both = view.lit & view.dark, parts = __builtin_popcount(both) < DAPPLED ? both : UINT16_MAX;
         v->parts[k] = (uint16_t)parts;
         v->whole[k] = (uint16_t)(view.lit && !view.dark ? UINT16_MAX : view.lit & ~parts);
@@ -418,13 +419,23 @@ static void trace_missing(const struct transport *t, const struct transport_bloc
                           uint32_t asked, struct sun_view *v, uint64_t *rays)
 {
     const uint32_t missing = asked & ~(uint32_t)v->known;
-    struct transport_view view = { 0, 0 };
+    const struct sun_look *looks[SUN_TILE];
+    struct transport_view views[SUN_TILE];
     uint32_t row = 0;
 
-    for (uint32_t k = 0; k < b->packets && missing; k++)
-        if (v->parts[k])
-            *rays += t->kernels->sun->trace(t->rays, q->looks, &t->gbuffer->packets[b->first + k], missing, v->parts[k],
-                                            v->bits[row++], &view);
+    for (uint32_t d = 0; d < SUN_TILE; d++)
+        looks[d] = &q->looks[d];
+    for (uint32_t k = 0; k < b->packets && missing; k++) {
+        if (!v->parts[k])
+            continue;
+        *rays +=
+            t->kernels->sun->trace(t->rays, looks, &t->gbuffer->packets[b->first + k], missing, v->parts[k], views);
+        for (uint32_t left = missing; left; left &= left - 1) {
+            const int d = __builtin_ctz(left);
+            v->bits[row][d] = (uint16_t)((v->bits[row][d] & ~v->parts[k]) | views[d].lit);
+        }
+        row++;
+    }
     v->known = (uint16_t)(v->known | missing);
 }
 
@@ -438,7 +449,7 @@ const struct sun_view *sun_look(const struct transport *t, uint32_t block, const
 
     if (!v) {
         uint32_t rows = 0;
-        if (!judge_block(t, b, q, own, rays))
+        if (!judge_block(t, b, q, own))
             rows = judge_packets(t, b, p, own, rays);
         v = sun_views_put(views, block, own, b->packets, rows);
         v = v ? v : own;

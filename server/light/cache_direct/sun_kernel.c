@@ -7,8 +7,8 @@
 #include <math.h>
 #include <string.h>
 
-static uint64_t trace(const struct rays *rays, const struct sun_look *looks, const struct shade_packet *p,
-                      uint32_t directions, uint32_t lanes, uint16_t *bits, struct transport_view *view)
+static uint64_t trace(const struct rays *rays, const struct sun_look *const *looks, const struct shade_packet *p,
+                      uint32_t directions, uint32_t lanes, struct transport_view *views)
 {
     _Alignas(64) int32_t valid[PACKET];
     struct ray16 ray;
@@ -21,8 +21,8 @@ static uint64_t trace(const struct rays *rays, const struct sun_look *looks, con
         const int k = __builtin_ctz(left);
         struct lanes d[3], cosine;
         uint32_t asked = 0, lit = 0;
-        bits[k] = (uint16_t)(bits[k] & ~lanes);
-        memcpy(d, looks[k].ray, sizeof(d));
+        views[k] = (struct transport_view){ 0, 0 };
+        memcpy(d, looks[k]->ray, sizeof(d));
         if (!lobes_see(p, d, &cosine))
             continue;
         LANES(l)
@@ -31,52 +31,15 @@ static uint64_t trace(const struct rays *rays, const struct sun_look *looks, con
             asked |= (uint32_t)(valid[l] & 1) << l;
         }
         lanes_aim(d, &ray);
-        lanes_start(p, &pixels, looks[k].place, &ray);
+        lanes_start(p, &pixels, looks[k]->place, &ray);
         if (rays && asked) {
             rays_occluded16(rays, RAYS_TOGETHER, valid, &ray);
             traced += (uint64_t)__builtin_popcount(asked);
         }
         LANES(l) lit |= (uint32_t)(ray.tfar[l] > 0.0f ? valid[l] & 1 : 0) << l;
-        bits[k] = (uint16_t)(bits[k] | lit);
-        view->lit |= lit;
-        view->dark |= asked & ~lit;
+        views[k] = (struct transport_view){ lit, asked & ~lit };
     }
     return traced;
-}
-
-/* Sixteen points represent a block: every fourth of each packet, or more of fewer packets. */
-static uint64_t probe(const struct rays *rays, const struct sun_tile *t, const struct shade_packet *packets,
-                      uint32_t count, struct transport_view *view)
-{
-    _Alignas(64) int32_t valid[PACKET];
-    struct ray16 ray = { .org_x = { 0 } };
-    int32_t faced = 0;
-
-    for (uint32_t l = 0; l < PACKET; l++) {
-        const struct shade_packet *p = &packets[l % count];
-        const uint32_t k = (l / count * count + l % count * 5 + l % count) % PACKET; /* other lanes in each packet */
-        const float x = t->looks[l].ray[0][l], y = t->looks[l].ray[1][l], z = t->looks[l].ray[2][l];
-        const bool faces = p->ns_x[k] * x + p->ns_y[k] * y + p->ns_z[k] * z > 0.0f &&
-                           p->ng_x[k] * x + p->ng_y[k] * y + p->ng_z[k] * z > 0.0f;
-        valid[l] = faces ? p->valid[k] : 0;
-        faced -= valid[l];
-        ray.org_x[l] = p->x[k];
-        ray.org_y[l] = p->y[k];
-        ray.org_z[l] = p->z[k];
-        ray.dir_x[l] = x;
-        ray.dir_y[l] = y;
-        ray.dir_z[l] = z;
-        ray.tfar[l] = INFINITY;
-        ray.mask[l] = UINT32_MAX;
-    }
-    if (faced == 0)
-        return 0;
-    rays_occluded16(rays, RAYS_TOGETHER, valid, &ray);
-    for (uint32_t l = 0; l < PACKET; l++) {
-        view->lit |= (uint32_t)(valid[l] && ray.tfar[l] > 0.0f) << l;
-        view->dark |= (uint32_t)(valid[l] && !(ray.tfar[l] > 0.0f)) << l;
-    }
-    return (uint64_t)faced;
 }
 
 /* ---- Light ---- */
@@ -234,4 +197,4 @@ static void light(const struct sun_part *s, const struct sun_tile *t, const stru
 }
 
 extern const struct sun_kernels KERNEL(sun_kernels);
-const struct sun_kernels KERNEL(sun_kernels) = { trace, probe, whole, light };
+const struct sun_kernels KERNEL(sun_kernels) = { trace, whole, light };

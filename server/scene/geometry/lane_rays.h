@@ -42,7 +42,8 @@ static inline void lanes_pixels(const struct shade_packet *p, struct lane_pixels
         const float n[3] = { p->ng_x[l], p->ng_y[l], p->ng_z[l] }, at[3] = { p->x[l], p->y[l], p->z[l] };
         const float w[3] = { p->wo_x[l], p->wo_y[l], p->wo_z[l] };
         const float along = axis[0] * w[0] + axis[1] * w[1] + axis[2] * w[2], across = 1.0f - along * along;
-        const float unit = across > 1e-6f ? p->pixel[l] * 0.0625f / sqrtf(across) : 0.0f;
+        const float height = p->pixel[l] * 0.0625f, length = sqrtf(across > 1e-6f ? across : INFINITY);
+        const float unit = height / length; /* none if it looks along the axis */
         const float towards = n[0] * w[0] + n[1] * w[1] + n[2] * w[2];
         const float scale = 1.0f / (towards > 0.02f ? towards : 0.02f);
         float r[3], d[3], off_r = 0.0f, off_d = 0.0f;
@@ -79,8 +80,8 @@ static inline uint32_t lanes_place(uint32_t number)
 }
 
 /* Starts each ray elsewhere in its point's pixel; place: 0 .. PIXEL_CELLS - 1. */
-static inline void lanes_start(const struct shade_packet *p, const struct lane_pixels *s,
-                               const uint32_t place[PACKET], struct ray16 *rays)
+static inline void lanes_start(const struct shade_packet *p, const struct lane_pixels *s, const uint32_t place[PACKET],
+                               struct ray16 *rays)
 {
     LANES(l)
     {
