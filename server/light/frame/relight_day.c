@@ -5,15 +5,12 @@
 
 #include <math.h>
 #include <string.h>
-#include <time.h>
 
 #define SEGMENTS 360     /* of a day, of four minutes: a degree of the sun's way */
 #define PLACES 9         /* of the sun along a segment */
 #define STEADY 8         /* frames of one day, before its way counts as known: not while the sky turns */
 #define MORE_TILES 1.125 /* than in the file, which is then written again; so it is at the first day of a run */
 #define TURN 512         /* packets that a turn asks for: a frame waits for some milliseconds at most */
-#define WATCHED_S 0.5    /* where images come more often, */
-#define REST_S 0.04      /* they have this long after each turn */
 
 static bool is_same_day(const struct sun_day *a, const struct sun_day *b)
 {
@@ -48,13 +45,12 @@ static bool follow_aim(struct relight_day *d, struct aim *a)
     pthread_mutex_lock(&d->lock);
     const bool goes_on = !d->ended && is_same_day(&a->day, &d->aim.day);
     memcpy(a->axis, d->aim.axis, sizeof(a->axis));
-    a->last_s = d->aim.last_s;
-    a->each_s = d->aim.each_s;
     pthread_mutex_unlock(&d->lock);
     return goes_on;
 }
 
-static uint32_t sun_segment(const struct aim *a)
+/* The first one that is left from the sun's on. SEGMENTS: none. */
+static uint32_t next_segment(const struct aim *a, const bool *over)
 {
     double w[3], most = -2.0;
     uint32_t nearest = 0;
@@ -65,14 +61,10 @@ static uint32_t sun_segment(const struct aim *a)
         nearest = c > most ? k : nearest;
         most = fmax(most, c);
     }
-    return nearest;
-}
-
-/* Leaves the processors to images that somebody watches. */
-static void rest(const struct aim *a)
-{
-    if (a->each_s < WATCHED_S && clock_seconds() - a->last_s < WATCHED_S)
-        nanosleep(&(struct timespec){ .tv_nsec = (long)(1e9 * REST_S) }, NULL);
+    for (uint32_t k = 0; k < SEGMENTS; k++)
+        if (!over[(nearest + k) % SEGMENTS])
+            return (nearest + k) % SEGMENTS;
+    return SEGMENTS;
 }
 
 /* ERR_END: the day is over. Other errors: those of transport_look_at. */
@@ -87,28 +79,18 @@ static enum err look_along_segment(struct relight_day *d, struct aim *a, uint32_
     for (uint32_t turn = 0; !e && turn < turns && w[PLACES / 2][1] > -SUN_RADIUS; turn++) {
         precedence_give_way(d->urgent);
         e = follow_aim(d, a) ? transport_look_at(a->transport, w, PLACES, turn, turns, a->since) : ERR_END;
-        rest(a);
     }
     return e;
 }
 
-/* Asks for what the sun meets on this day, from its next moments on. What a fast sun passes meanwhile images ask for
- * themselves; it comes last. */
+/* Asks for what the sun meets on this day, from its next moments on. */
 static enum err look_along_day(struct relight_day *d, struct aim *a)
 {
     bool over[SEGMENTS] = { false };
-    uint32_t sun = sun_segment(a), passed = 0;
     enum err e = ERR_OK;
 
-    for (uint32_t left = SEGMENTS; !e && left > 0; left--) {
-        uint32_t k = (sun + passed) % SEGMENTS;
-        while (over[k])
-            k = (k + 1) % SEGMENTS;
+    for (uint32_t k; !e && (k = next_segment(a, over)) < SEGMENTS; over[k] = true)
         e = look_along_segment(d, a, k);
-        over[k] = true;
-        passed = (sun_segment(a) + SEGMENTS - sun) % SEGMENTS;
-        sun = (sun + passed) % SEGMENTS;
-    }
     return e;
 }
 
@@ -142,16 +124,13 @@ void relight_day_follow(struct relight_day *d)
 void relight_day_aim(struct relight_day *d, struct transport *t, const struct sun_day *day)
 {
     const float *axis = transport_sun_axis(t);
-    const double now_s = clock_seconds();
 
     if (!axis)
         return;
     pthread_mutex_lock(&d->lock);
     if (!d->aim.transport || !is_same_day(&d->aim.day, day))
-        d->aim = (struct aim){ .transport = t, .day = *day, .since = transport_frames(t), .last_s = d->aim.last_s };
+        d->aim = (struct aim){ .transport = t, .day = *day, .since = transport_frames(t) };
     d->aim.frames++;
-    d->aim.each_s = now_s - d->aim.last_s;
-    d->aim.last_s = now_s;
     memcpy(d->aim.axis, axis, sizeof(d->aim.axis));
     pthread_cond_signal(&d->aimed);
     pthread_mutex_unlock(&d->lock);

@@ -10,10 +10,9 @@
 struct aim {
     struct transport *transport; /* NULL: not known yet */
     struct sun_day day;
-    float axis[3];         /* of the last frame's sun */
-    uint64_t since;        /* number of the frame that began this day */
-    uint32_t frames;       /* that had this day one after another */
-    double last_s, each_s; /* clock_seconds of the last one, and since the one before */
+    float axis[3];   /* of the last frame's sun */
+    uint64_t since;  /* number of the frame that began this day */
+    uint32_t frames; /* that had this day one after another */
 };
 
 struct relight_day {
