@@ -4,15 +4,13 @@
 
 #include <math.h>
 
-/* The unit at a row and column of a face with `edge` units along its edge. They may be one step beyond the face: then
- * it is the neighbouring face's, or at a corner, where there is none, the nearest one. */
-static uint16_t unit_at(uint32_t face, int i, int j, int edge)
+uint16_t transport_unit_at(uint32_t face, int i, int j, int edge)
 {
     const bool above = i < 0 || i >= edge, beside = j < 0 || j >= edge;
     const uint32_t cells = SKY_EDGE / (uint32_t)edge;
 
     if (above && beside)
-        return unit_at(face, i < 0 ? 0 : edge - 1, j < 0 ? 0 : edge - 1, edge);
+        return transport_unit_at(face, i < 0 ? 0 : edge - 1, j < 0 ? 0 : edge - 1, edge);
     face = cube_step_over(face, edge, &i, &j);
     return (uint16_t)(sky_cell(face, (uint32_t)i * cells, (uint32_t)j * cells) / (cells * cells));
 }
@@ -30,10 +28,10 @@ static enum err find_units(struct transport_directions *d)
     for (uint32_t face = 0; face < CUBE_FACES; face++)
         for (int at = 0; at < edge * edge; at++) {
             const int i = at / edge, j = at % edge;
-            uint16_t *around = d->around[unit_at(face, i, j, edge)];
+            uint16_t *around = d->around[transport_unit_at(face, i, j, edge)];
             for (int k = 0; k < 9; k++)
                 if (k != 4)
-                    *around++ = unit_at(face, i + k / 3 - 1, j + k % 3 - 1, edge);
+                    *around++ = transport_unit_at(face, i + k / 3 - 1, j + k % 3 - 1, edge);
         }
     return ERR_OK;
 }

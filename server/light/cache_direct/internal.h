@@ -97,6 +97,10 @@ struct transport_world {     /* input of tracing; borrowed */
     const float (*gaze_numbers)[2]; /* [TRANSPORT_GAZES]: the same for gazes */
 };
 
+/* The unit at a row and column of a face with `edge` units along its edge. They may be one step beyond the face: then
+ * it is the neighbouring face's, or at a corner, where there is none, the nearest one. */
+uint16_t transport_unit_at(uint32_t face, int i, int j, int edge);
+
 /* Where the lanes of a packet look. */
 struct sun_look {
     _Alignas(64) float ray[3][PACKET];
@@ -163,17 +167,19 @@ static inline size_t transport_head(const struct transport_shape *s)
            (size_t)s->rank * s->chunk_count * SKY_CHUNK * (s->form == TRANSPORT_BYTES ? 1 : sizeof(uint16_t));
 }
 
-/* What the lanes of a packet see of one direction: bits of those that see the sky, and of those that do not. Neither:
- * it is below the lane's horizon, or the lane was not asked. */
+/* Visibility of the sun from a packet: bits of the lanes that see some of it, and of the lanes for which some
+ * of it is occluded.
+ */
 struct transport_view {
     uint32_t lit, dark;
 };
 
 struct sun_kernels {
-    /* Looks from some lanes of a packet along some of up to 32 rays, and writes the views of those. Returns the number
-     * of rays. rays: NULL if everything is visible. */
-    uint64_t (*trace)(const struct rays *rays, const struct sun_look *const *looks, const struct shade_packet *p,
-                      uint32_t directions, uint32_t lanes, struct transport_view *views);
+    /* Looks from some lanes of a packet along some of up to 32 rays: their bits of bits[ray] become 1 if they see the
+     * sky, above their horizons; *view adds them up. Returns the number of rays. rays: NULL if everything is visible.
+     */
+    uint64_t (*trace)(const struct rays *rays, const struct sun_look *looks, const struct shade_packet *p,
+                      uint32_t directions, uint32_t lanes, uint16_t *bits, struct transport_view *view);
     /* Adds the light of all of the sun to lo[3][16], as from one direction, for the lanes that see it. False, and
      * nothing is added, if a horizon may cut it. */
     bool (*whole)(const struct transport_sun *s, const struct shade_packet *p, uint32_t lanes, float *lo);

@@ -39,16 +39,11 @@ static uint32_t cell_of(uint32_t k)
     return pixel_cell(order[k / SUN_EDGE], order[k % SUN_EDGE]);
 }
 
-/* The cell and those around it: the few rays that a cell's answer rests on pass by what is narrow at an edge of a
- * block.
- */
+/* The cell and those around it: the few rays that a cell's answer rests on pass by what is narrow at a block's edge. */
 static void mark_cells(struct sun_tile *t, uint32_t face, uint32_t row, uint32_t column)
 {
     for (int k = 0; k < 9; k++) {
-        int i = (int)row + k / 3 - 1, j = (int)column + k % 3 - 1;
-        if ((i < 0 || i >= SKY_EDGE) && (j < 0 || j >= SKY_EDGE))
-            continue; /* three cells meet at a cube's corner */
-        const uint32_t to = cube_step_over(face, SKY_EDGE, &i, &j), cell = sky_cell(to, (uint32_t)i, (uint32_t)j);
+        const uint16_t cell = transport_unit_at(face, (int)row + k / 3 - 1, (int)column + k % 3 - 1, SKY_EDGE);
         t->cells[cell / 64] |= (uint64_t)1 << cell % 64;
     }
 }
@@ -166,7 +161,7 @@ static struct sun_part *find_part(struct transport *t, struct sun_parts *s, uint
     memset(&s->at[s->count], 0, sizeof(*s->at));
     s->at[s->count].key = key;
     s->at[s->count].tile = (uint32_t)tile;
-    for (uint32_t k = 0; k < SUN_CORNERS; k++) {
+    for (uint32_t k = 0; k < 4; k++) {
         s->at[s->count].corners[k] = sun_corner_find(corners, t, grid, face, row + k / 2, column + k % 2);
         if (!s->at[s->count].corners[k])
             return NULL;
@@ -404,7 +399,9 @@ static uint32_t judge_packets(const struct transport *t, const struct transport_
 
     memset(v, 0, sizeof(*v));
     for (uint32_t k = 0; k < b->packets; k++) {
-        const struct transport_view view = sun_corners_look(t, p->corners, b->first + k, rays);
+        struct transport_view view = { 0, 0 };
+        for (uint32_t c = 0; c < 4; c++)
+            sun_corner_look(t, p->corners[c], b->first + k, &view, rays);
         const uint32_t both = view.lit & view.dark, parts = __builtin_popcount(both) < DAPPLED ? both : UINT16_MAX;
         v->parts[k] = (uint16_t)parts;
         v->whole[k] = (uint16_t)(view.lit && !view.dark ? UINT16_MAX : view.lit & ~parts);
@@ -419,23 +416,13 @@ static void trace_missing(const struct transport *t, const struct transport_bloc
                           uint32_t asked, struct sun_view *v, uint64_t *rays)
 {
     const uint32_t missing = asked & ~(uint32_t)v->known;
-    const struct sun_look *looks[SUN_TILE];
-    struct transport_view views[SUN_TILE];
+    struct transport_view view = { 0, 0 };
     uint32_t row = 0;
 
-    for (uint32_t d = 0; d < SUN_TILE; d++)
-        looks[d] = &q->looks[d];
-    for (uint32_t k = 0; k < b->packets && missing; k++) {
-        if (!v->parts[k])
-            continue;
-        *rays +=
-            t->kernels->sun->trace(t->rays, looks, &t->gbuffer->packets[b->first + k], missing, v->parts[k], views);
-        for (uint32_t left = missing; left; left &= left - 1) {
-            const int d = __builtin_ctz(left);
-            v->bits[row][d] = (uint16_t)((v->bits[row][d] & ~v->parts[k]) | views[d].lit);
-        }
-        row++;
-    }
+    for (uint32_t k = 0; k < b->packets && missing; k++)
+        if (v->parts[k])
+            *rays += t->kernels->sun->trace(t->rays, q->looks, &t->gbuffer->packets[b->first + k], missing, v->parts[k],
+                                            v->bits[row++], &view);
     v->known = (uint16_t)(v->known | missing);
 }
 

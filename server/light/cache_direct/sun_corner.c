@@ -57,27 +57,19 @@ struct sun_corner *sun_corner_find(struct sun_corners *x, const struct transport
     return c;
 }
 
-struct transport_view sun_corners_look(const struct transport *t, struct sun_corner *const corners[SUN_CORNERS],
-                                       uint32_t packet, uint64_t *rays)
+void sun_corner_look(const struct transport *t, struct sun_corner *c, uint32_t packet, struct transport_view *view,
+                     uint64_t *rays)
 {
-    const struct sun_look *looks[SUN_CORNERS];
-    struct transport_view views[SUN_CORNERS], all = { 0, 0 };
-    uint32_t unknown = 0;
+    struct transport_view own = { c->views[packet].lit, c->views[packet].dark };
+    uint16_t bits = 0;
 
-    for (uint32_t c = 0; c < SUN_CORNERS; c++) {
-        looks[c] = &corners[c]->look;
-        views[c] = (struct transport_view){ corners[c]->views[packet].lit, corners[c]->views[packet].dark };
-        unknown |= (uint32_t)(!views[c].lit && !views[c].dark) << c;
+    if (!own.lit && !own.dark) {
+        *rays += t->kernels->sun->trace(t->rays, &c->look, &t->gbuffer->packets[packet], 1, UINT16_MAX, &bits, &own);
+        c->views[packet].lit = (uint16_t)own.lit;
+        c->views[packet].dark = (uint16_t)own.dark;
     }
-    if (unknown)
-        *rays += t->kernels->sun->trace(t->rays, looks, &t->gbuffer->packets[packet], unknown, UINT16_MAX, views);
-    for (uint32_t c = 0; c < SUN_CORNERS; c++) {
-        corners[c]->views[packet].lit = (uint16_t)views[c].lit;
-        corners[c]->views[packet].dark = (uint16_t)views[c].dark;
-        all.lit |= views[c].lit;
-        all.dark |= views[c].dark;
-    }
-    return all;
+    view->lit |= own.lit;
+    view->dark |= own.dark;
 }
 
 void sun_corners_frame(struct sun_corners *x, uint64_t kept)

@@ -1,5 +1,5 @@
 /* Corners that up to four tiles of the sun's directions share, and what points see of them (light/cache_direct/sun.c).
- * They are kept while frames ask for their tiles. Thread: one; of sun_corners_look any, for other packets. */
+ * They are kept while frames ask for their tiles. Thread: one; of sun_corner_look any, for other packets. */
 #pragma once
 
 #include "light/cache_direct/internal.h"
@@ -16,12 +16,9 @@ struct sun_corners { /* zeroed: none */
 struct sun_corner *sun_corner_find(struct sun_corners *x, const struct transport *t, uint32_t grid, uint32_t face,
                                    uint32_t row, uint32_t column);
 
-#define SUN_CORNERS 4 /* of a tile */
-
-/* Which lanes of a packet see the sky at some of a tile's corners, and from which it is occluded at some. Adds the rays
- * that it took. */
-struct transport_view sun_corners_look(const struct transport *t, struct sun_corner *const corners[SUN_CORNERS],
-                                       uint32_t packet, uint64_t *rays);
+/* Adds which lanes of a packet see the sky at the corner, and which do not, to *view, and the rays that it took. */
+void sun_corner_look(const struct transport *t, struct sun_corner *c, uint32_t packet, struct transport_view *view,
+                     uint64_t *rays);
 
 /* A frame begins: frees the corners that none of the last `kept` has asked for. */
 void sun_corners_frame(struct sun_corners *x, uint64_t kept);

@@ -7,8 +7,8 @@
 #include <math.h>
 #include <string.h>
 
-static uint64_t trace(const struct rays *rays, const struct sun_look *const *looks, const struct shade_packet *p,
-                      uint32_t directions, uint32_t lanes, struct transport_view *views)
+static uint64_t trace(const struct rays *rays, const struct sun_look *looks, const struct shade_packet *p,
+                      uint32_t directions, uint32_t lanes, uint16_t *bits, struct transport_view *view)
 {
     _Alignas(64) int32_t valid[PACKET];
     struct ray16 ray;
@@ -21,8 +21,8 @@ static uint64_t trace(const struct rays *rays, const struct sun_look *const *loo
         const int k = __builtin_ctz(left);
         struct lanes d[3], cosine;
         uint32_t asked = 0, lit = 0;
-        views[k] = (struct transport_view){ 0, 0 };
-        memcpy(d, looks[k]->ray, sizeof(d));
+        bits[k] = (uint16_t)(bits[k] & ~lanes);
+        memcpy(d, looks[k].ray, sizeof(d));
         if (!lobes_see(p, d, &cosine))
             continue;
         LANES(l)
@@ -31,13 +31,15 @@ static uint64_t trace(const struct rays *rays, const struct sun_look *const *loo
             asked |= (uint32_t)(valid[l] & 1) << l;
         }
         lanes_aim(d, &ray);
-        lanes_start(p, &pixels, looks[k]->place, &ray);
+        lanes_start(p, &pixels, looks[k].place, &ray);
         if (rays && asked) {
             rays_occluded16(rays, RAYS_TOGETHER, valid, &ray);
             traced += (uint64_t)__builtin_popcount(asked);
         }
         LANES(l) lit |= (uint32_t)(ray.tfar[l] > 0.0f ? valid[l] & 1 : 0) << l;
-        views[k] = (struct transport_view){ lit, asked & ~lit };
+        bits[k] = (uint16_t)(bits[k] | lit);
+        view->lit |= lit;
+        view->dark |= asked & ~lit;
     }
     return traced;
 }

@@ -12,7 +12,6 @@
 #include "light/frame/beside.h"
 #include "light/estimators/caustic_store.h"
 #include "light/frame/frame_plan.h"
-#include "light/frame/relight_day.h"
 
 #include <math.h>
 #include <omp.h>
@@ -24,6 +23,21 @@
 enum { QUICK, WHOLE, STAGES }; /* of indirect light */
 
 #define BEHIND_PATHS 16 /* eye paths per point behind mirrors and glass, in each of two halves that are filtered */
+
+#define SEGMENTS 360     /* of a day, of four minutes: a degree of the sun's way */
+#define PLACES 9         /* of the sun along a segment */
+#define STEADY 8         /* frames of one day, before its way counts as known: not while the sky turns */
+#define MORE_TILES 1.125 /* than in the file, which is then written again; so it is at the first day of a run */
+#define TURN 512         /* packets that a turn asks for: a frame waits for some milliseconds at most */
+
+/* Where the sun goes, by the frames' thread. */
+struct aim {
+    struct transport *transport; /* NULL: not known yet */
+    struct sun_day day;
+    float axis[3];   /* of the last frame's sun */
+    uint64_t since;  /* number of the frame that began this day */
+    uint32_t frames; /* that had this day one after another */
+};
 
 struct relight_builder {
     const struct prepared_scene *set;
@@ -49,7 +63,9 @@ struct relight_builder {
     struct caustic_store_desc caustics_made;
     atomic_bool cancelled;
     atomic_bool computes; /* files do not hold everything */
-    struct relight_day day;
+    pthread_mutex_t lock; /* of the next two */
+    pthread_cond_t aimed;
+    struct aim aim;
     atomic_bool done; /* then the next fields are set */
     enum err error;
     bool indirect_loaded, indirect_refused;
@@ -280,6 +296,136 @@ static void check_memory(struct relight_builder *b, const struct transport *t)
     }
 }
 
+/* ---- The sun's way ---- */
+
+static bool is_same_day(const struct sun_day *a, const struct sun_day *b)
+{
+    return a->day == b->day && a->latitude == b->latitude && a->solar == b->solar && a->ahead == b->ahead &&
+           a->turn == b->turn;
+}
+
+static struct digest digest_of_day(const struct sun_day *d)
+{
+    const double numbers[] = { d->latitude, d->day, d->solar, d->ahead, d->turn };
+    struct digest out = { { 0 } };
+
+    digest_bytes(&out, numbers, sizeof(numbers));
+    return out;
+}
+
+/* False: the builder ends. */
+static bool await_day(struct relight_builder *b, const struct aim *last, struct aim *out)
+{
+    pthread_mutex_lock(&b->lock);
+    while (!is_cancelled(&b->cancelled) &&
+           (b->aim.frames < STEADY || (last->transport && is_same_day(&last->day, &b->aim.day))))
+        pthread_cond_wait(&b->aimed, &b->lock);
+    *out = b->aim;
+    pthread_mutex_unlock(&b->lock);
+    return !is_cancelled(&b->cancelled);
+}
+
+/* Follows the last frame's sun. False: the day is over. */
+static bool follow_aim(struct relight_builder *b, struct aim *a)
+{
+    pthread_mutex_lock(&b->lock);
+    const bool same = is_same_day(&a->day, &b->aim.day);
+    memcpy(a->axis, b->aim.axis, sizeof(a->axis));
+    pthread_mutex_unlock(&b->lock);
+    return same && !is_cancelled(&b->cancelled);
+}
+
+/* The first one that is left from the sun's on. SEGMENTS: none. */
+static uint32_t next_segment(const struct aim *a, const bool *over)
+{
+    double w[3], most = -2.0;
+    uint32_t nearest = 0;
+
+    for (uint32_t k = 0; k < SEGMENTS; k++) {
+        sun_day_at(&a->day, 24.0 / SEGMENTS * (k + 0.5), w);
+        const double c = w[0] * a->axis[0] + w[1] * a->axis[1] + w[2] * a->axis[2];
+        nearest = c > most ? k : nearest;
+        most = fmax(most, c);
+    }
+    for (uint32_t k = 0; k < SEGMENTS; k++)
+        if (!over[(nearest + k) % SEGMENTS])
+            return (nearest + k) % SEGMENTS;
+    return SEGMENTS;
+}
+
+/* ERR_END: the day is over. Other errors: those of transport_look_at. */
+static enum err look_along_segment(struct relight_builder *b, struct aim *a, uint32_t segment)
+{
+    const uint32_t turns = 1 + b->set->gbuffer->packet_count / TURN;
+    double w[PLACES][3];
+    enum err e = ERR_OK;
+
+    for (uint32_t k = 0; k < PLACES; k++)
+        sun_day_at(&a->day, 24.0 / SEGMENTS * (segment + (double)k / (PLACES - 1)), w[k]);
+    for (uint32_t turn = 0; !e && turn < turns && w[PLACES / 2][1] > -SUN_RADIUS; turn++) {
+        precedence_give_way(b->urgent);
+        e = follow_aim(b, a) ? transport_look_at(a->transport, w, PLACES, turn, turns, a->since) : ERR_END;
+    }
+    return e;
+}
+
+/* Asks for what the sun meets on this day, from its next moments on. */
+static enum err look_along_day(struct relight_builder *b, struct aim *a)
+{
+    bool over[SEGMENTS] = { false };
+    enum err e = ERR_OK;
+
+    for (uint32_t k; !e && (k = next_segment(a, over)) < SEGMENTS; over[k] = true)
+        e = look_along_segment(b, a, k);
+    return e;
+}
+
+static void follow_sun(struct relight_builder *b)
+{
+    struct digest d = { { 0 } };
+    struct relight_keep keep;
+    struct aim last = { .transport = NULL }, now;
+    enum err said = ERR_END; /* each outcome is told when it changes, not every day */
+    uint32_t kept = 0;
+
+    digest_bytes(&d, "sun", sizeof("sun"));
+    relight_keep_init_paths(&keep, &b->keep, b->set, &b->light, &d);
+    while (await_day(b, &last, &now)) {
+        const double start = clock_seconds();
+        const struct digest day = digest_of_day(&now.day);
+        bool whole = false;
+        if (!last.transport && relight_keep_load_sun(&keep, now.transport, &day, &whole))
+            kept = transport_sun_tiles(now.transport);
+        const enum err e = whole ? ERR_OK : look_along_day(b, &now);
+        if (!e && !whole && (!last.transport || transport_sun_tiles(now.transport) > MORE_TILES * kept)) {
+            relight_keep_save_sun(&keep, now.transport, &day);
+            kept = transport_sun_tiles(now.transport);
+        }
+        if (e != said && !e)
+            log_info("sun: what points see of it on this day is known after %.1f s in the background",
+                     clock_seconds() - start);
+        else if (e != said && e == ERR_RANGE)
+            log_info("sun: --cache-memory has no room for what points see of it on a day; images ask for the rest");
+        said = e == ERR_END ? said : e;
+        last = now;
+    }
+}
+
+void relight_builder_aim(struct relight_builder *b, struct transport *t, const struct sun_day *day)
+{
+    const float *axis = transport_sun_axis(t);
+
+    if (!axis)
+        return;
+    pthread_mutex_lock(&b->lock);
+    if (!b->aim.transport || !is_same_day(&b->aim.day, day))
+        b->aim = (struct aim){ t, *day, { 0.0f }, transport_frames(t), 0 };
+    b->aim.frames++;
+    memcpy(b->aim.axis, axis, sizeof(b->aim.axis));
+    pthread_cond_signal(&b->aimed);
+    pthread_mutex_unlock(&b->lock);
+}
+
 static void *build_main(void *arg)
 {
     struct relight_builder *b = arg;
@@ -306,7 +452,7 @@ static void *build_main(void *arg)
     atomic_store(&b->done, true);
     if (!atomic_load(&b->computes)) /* images have both caches at once, and these paths later */
         build_beside(b);
-    relight_day_follow(&b->day);
+    follow_sun(b);
     return NULL;
 }
 
@@ -319,13 +465,14 @@ enum err relight_builder_create(const struct relight_builder_desc *desc, struct 
     *out = NULL;
     if (!b)
         return err_say(why, ERR_NOMEM, "no memory for the cache of light transport");
+    pthread_mutex_init(&b->lock, NULL);
+    pthread_cond_init(&b->aimed, NULL);
     b->set = desc->set;
     b->kernels = desc->kernels;
     b->light = *desc->light;
     b->light.direct.cancel = &b->cancelled;
     b->light.direct.why = &b->why;
     b->keep = *desc->keep;
-    relight_day_init(&b->day, b->set, &b->light, &b->keep, desc->transport->urgent);
     b->loaded = desc->loaded;
     b->urgent = desc->transport->urgent;
     b->threads = (uint32_t)omp_get_max_threads();
@@ -350,8 +497,10 @@ void relight_builder_destroy(struct relight_builder *b)
 {
     if (!b)
         return;
+    pthread_mutex_lock(&b->lock);
     atomic_store(&b->cancelled, true);
-    relight_day_end(&b->day);
+    pthread_cond_signal(&b->aimed);
+    pthread_mutex_unlock(&b->lock);
     if (b->live)
         transport_live_cancel(b->live);
     if (b->started)
@@ -361,7 +510,8 @@ void relight_builder_destroy(struct relight_builder *b)
     caustic_store_destroy(atomic_load(&b->caustics));
     for (int k = 0; k < 2; k++)
         eye_store_destroy(b->behind[k]);
-    relight_day_finish(&b->day);
+    pthread_cond_destroy(&b->aimed);
+    pthread_mutex_destroy(&b->lock);
     mem_free(b);
 }
 
@@ -369,11 +519,6 @@ void relight_builder_await_files(struct relight_builder *b)
 {
     while (!atomic_load(&b->done) && !atomic_load(&b->computes))
         nanosleep(&(struct timespec){ .tv_nsec = 1000000 }, NULL);
-}
-
-void relight_builder_aim(struct relight_builder *b, struct transport *t, const struct sun_day *day)
-{
-    relight_day_aim(&b->day, t, day);
 }
 
 struct transport_live *relight_builder_live(struct relight_builder *b)
