@@ -5,6 +5,8 @@
 #include <stdint.h>
 #include <string.h>
 
+#define HALF_MAX 65504.0f /* the largest finite one */
+
 /* Exact. Without branches, so that loops around it are vectorised: rebiases the exponent from 15 to 127; infinity and
  * NaN have the largest exponent in both, and below 2^-14 halves are multiples of 2^-24. */
 static inline float half_widen(uint16_t half)

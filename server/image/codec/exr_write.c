@@ -12,7 +12,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define HALF_MAX 65504.0f             /* the largest finite half float */
 #define SIDE_MAX 65535                /* bounds memory */
 #define FIRST_ROOM 65536              /* bytes */
 #define CHUNKS_EACH 4                 /* packed by a thread before they are written */

@@ -1,5 +1,6 @@
 #include "image/codec/image.h"
 
+#include "base/half.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "image/codec/exr_zip.h"
@@ -10,7 +11,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#define HALF_MAX 65504.0f /* the largest finite half float */
 #define BLOCK 64          /* texels processed together: 768 bytes, which stay in the first-level cache */
 
 const struct setting_choice layout_choices[] = {

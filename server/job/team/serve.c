@@ -17,7 +17,7 @@ static void pack_light(const struct team *t, const float *lo, size_t values, uin
     uint16_t *to = (uint16_t *)(void *)out;
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < values; i++)
-        to[i] = half_round(lo[i] < 65504.0f ? lo[i] : 65504.0f);
+        to[i] = half_round(lo[i] < HALF_MAX ? lo[i] : HALF_MAX);
 }
 
 static enum err take_sky(struct team *t, const struct order *order, const struct frame_plan *plan,

@@ -4,13 +4,14 @@
 #include "light/cache/cache_share.h"
 #include "light/cache/memory.h"
 #include "light/cache_direct/internal.h"
+#include "light/estimators/packed.h"
 #include "scene/geometry/scene_digest.h"
 
 #include <math.h>
 #include <string.h>
 
 /* Increase it when the transport of the same scene (directions, weights, rows, blocks) or the file format changes. */
-#define FORMAT 7
+#define FORMAT 8
 
 /* One section: the number of rays, then block by block the pieces, each behind its shape, the gazes and the sight. */
 static const char section[] = "transport";
@@ -122,18 +123,24 @@ static enum err read_piece(struct cache_reader *r, uint32_t points, struct trans
     return e || transport_is_sound(q, bytes) ? e : cache_reader_refuse(r, why);
 }
 
-/* Directions may have any length except zero; light must be finite and not negative. */
+/* Half floats that are finite and not negative. */
+static bool are_sound_halves(const uint16_t *halves, size_t count)
+{
+    unsigned bad = 0;
+
+    for (size_t i = 0; i < count; i++)
+        bad |= halves[i] >= 0x7c00u;
+    return bad == 0;
+}
+
 static bool is_sound_gaze(const struct transport_gaze *q)
 {
-    for (uint32_t l = 0; l < PACKET; l++) {
-        const float length2 = q->x[l] * q->x[l] + q->y[l] * q->y[l] + q->z[l] * q->z[l];
-        const float least = fminf(q->density[l], fminf(q->by_specular[l], q->by_one[l]));
-        const float most = fmaxf(q->density[l], fmaxf(q->by_specular[l], q->by_one[l]));
-        const float sum = q->density[l] + q->by_specular[l] + q->by_one[l]; /* NaN, if one is */
-        if (!(length2 > 0.5f && length2 < 2.0f && least >= 0.0f && most < 1e30f && sum >= 0.0f))
-            return false;
-    }
-    return true;
+    bool sound = are_sound_halves(q->by_specular, PACKET) && are_sound_halves(q->by_one, PACKET) &&
+                 are_sound_halves(q->root_density, PACKET);
+
+    for (uint32_t l = 0; l < PACKET; l++)
+        sound = sound && direction_is_packed(q->to[l]);
+    return sound;
 }
 
 static enum err read_block(struct cache_reader *r, struct transport_block *b, struct reason *why)

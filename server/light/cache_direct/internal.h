@@ -52,10 +52,11 @@ struct transport_piece {
 
 /* A direction that a packet's narrow lobes sample by their own densities, and its visibility. */
 struct transport_gaze {
-    float x[PACKET], y[PACKET], z[PACKET]; /* unit */
-    float by_specular[PACKET];             /* row 1 / density; 0 where the sky is occluded */
-    float by_one[PACKET];                  /* row 2 / density, likewise */
-    float density[PACKET];                 /* sr^-1, sum over all TRANSPORT_GAZES */
+    uint32_t to[PACKET]; /* packed (packed.h) */
+    /* Half floats: */
+    uint16_t by_specular[PACKET];  /* row 1 / density; 0 where the sky is occluded */
+    uint16_t by_one[PACKET];       /* row 2 / density, likewise */
+    uint16_t root_density[PACKET]; /* its square: sr^-1, sum over all TRANSPORT_GAZES; densities exceed half floats */
 };
 
 /* Visibility of the cells from a block, over all points and directions above their horizon: bits of the cells that are

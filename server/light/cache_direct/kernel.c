@@ -186,31 +186,64 @@ static void cells(const struct transport_block *b, const struct shade_packet *pa
     }
 }
 
+/* Where a packet's lanes look: on which face of the sky and where, and in which texels of its pyramid. */
+struct glances {
+    struct lanes u, v, density, x, y; /* x, y: columns and rows of level's texels from the middle of the first */
+    int32_t face[PACKET], level[PACKET], n[PACKET];
+};
+
 /* The coarsest level of the sky's pyramid whose texels are no larger than half the solid angle of one gaze; [Krivanek
  * and Colbert 2008] use twice as large ones, but draw new samples for each pixel. */
-static inline uint32_t level_of(const struct pyramid *p, float density)
+static inline void find_levels(const struct pyramid *p, struct glances *g)
 {
-    const float least = density * (float)(2.0 * 4.0 * PI / CUBE_FACES); /* texels have 4 pi / (6 n^2) sr */
-    uint32_t level = 0;
+    const float most = (float)(2.0 * 4.0 * PI / CUBE_FACES); /* texels have 4 pi / (6 n^2) sr */
 
-    while (level + 1 < p->count && least <= (float)(p->level[level + 1].n * p->level[level + 1].n))
-        level++;
-    return level;
+    LANES(l)
+    {
+        g->level[l] = 0;
+        g->n[l] = (int32_t)p->level[0].n;
+    }
+    for (int32_t k = 1; k < (int32_t)p->count; k++) {
+        const int32_t n = (int32_t)p->level[k].n;
+        const float texels = (float)(n * n);
+        LANES(l)
+        {
+            const bool coarser = most * g->density.v[l] <= texels;
+            g->level[l] = coarser ? k : g->level[l];
+            g->n[l] = coarser ? n : g->n[l];
+        }
+    }
+}
+
+static inline void find_glances(const struct pyramid *p, const struct transport_gaze *q, struct glances *g)
+{
+    widen_lanes(q->root_density, &g->density);
+    LANES(l)
+    {
+        g->u.v[l] = direction_u(q->to[l]);
+        g->v.v[l] = direction_v(q->to[l]);
+        g->face[l] = (int32_t)direction_face(q->to[l]);
+        g->density.v[l] *= g->density.v[l];
+    }
+    find_levels(p, g);
+    LANES(l)
+    {
+        const float half = 0.5f * (float)g->n[l];
+        g->x.v[l] = (g->u.v[l] + 1.0f) * half - 0.5f;
+        g->y.v[l] = (g->v.v[l] + 1.0f) * half - 0.5f;
+    }
 }
 
 /* A texel as one vector. */
 #define FOUR_FLOATS __attribute__((vector_size(4 * sizeof(float)))) float
 
-/* The four texels around a direction, and their weights. False if they are not all on one face or have gains. */
-static inline bool find_four(const float *texels, uint32_t n, const float *gain, const float w[3], FOUR_FLOATS out[4],
+/* The four texels around (x, y), and their weights. False if they are not all on one face. */
+static inline bool find_four(const float *texels, uint32_t n, uint32_t face, float x, float y, FOUR_FLOATS out[4],
                              float weight[4])
 {
-    const float half = 0.5f * (float)n, last = (float)(n - 1);
-    float u, v;
-    const uint32_t face = cube_locate(w, &u, &v);
-    const float x = (u + 1.0f) * half - 0.5f, y = (v + 1.0f) * half - 0.5f;
+    const float last = (float)(n - 1);
 
-    if (gain || !(x >= 0.0f && y >= 0.0f && x < last && y < last))
+    if (!(x >= 0.0f && y >= 0.0f && x < last && y < last))
         return false;
     const uint32_t j = (uint32_t)x, i = (uint32_t)y;
     const float fx = x - (float)j, fy = y - (float)i;
@@ -224,14 +257,15 @@ static inline bool find_four(const float *texels, uint32_t n, const float *gain,
     return true;
 }
 
-static inline void look_level(const struct pyramid *p, uint32_t level, const float w[3], float rgb[3])
+static inline void look_level(const struct pyramid *p, const struct glances *g, int l, float rgb[3])
 {
-    const struct pyramid_level *l = &p->level[level];
+    const struct pyramid_level *level = &p->level[g->level[l]];
+    const uint32_t face = (uint32_t)g->face[l];
     FOUR_FLOATS t[4];
     float k[4];
 
-    if (!find_four(l->texels, l->n, l->gain, w, t, k)) {
-        pyramid_lookup(p, level, w, rgb);
+    if (level->gain || !find_four(level->texels, level->n, face, g->x.v[l], g->y.v[l], t, k)) {
+        pyramid_lookup_at(p, (uint32_t)g->level[l], face, g->u.v[l], g->v.v[l], rgb);
         return;
     }
     const FOUR_FLOATS sum = (k[0] * t[0] + k[1] * t[1]) + (k[2] * t[2] + k[3] * t[3]);
@@ -240,18 +274,19 @@ static inline void look_level(const struct pyramid *p, uint32_t level, const flo
 
 /* The lower part along a gaze, interpolated, because steps between texels would be visible as the sky turns. Where the
  * pyramid's level contains some of the sun, the lower part is interpolated from texels instead. */
-static inline void look_low(const struct transport_look *look, const float w[3], float density, float rgb[3])
+static inline void look_low(const struct transport_look *look, const struct glances *g, const struct transport_gaze *q,
+                            int l, float rgb[3])
 {
     const struct environment *e = look->environment;
+    const float half = 0.5f * (float)e->n, x = (g->u.v[l] + 1.0f) * half - 0.5f, y = (g->v.v[l] + 1.0f) * half - 0.5f;
     FOUR_FLOATS t[4], sum = { 0.0f };
     float k[4];
 
-    look_level(e->pyramid, level_of(e->pyramid, density), w, rgb);
+    look_level(e->pyramid, g, l, rgb);
     if (!(rgb_luminance(rgb[0], rgb[1], rgb[2]) > look->level))
         return;
-    if (!find_four(&e->texels->r, e->n, NULL, w, t, k)) {
-        float u, v;
-        memcpy(t, &e->texels[cube_texel(e->n, w, &u, &v)], sizeof(*t));
+    if (!find_four(&e->texels->r, e->n, (uint32_t)g->face[l], x, y, t, k)) {
+        memcpy(t, &e->texels[direction_texel(q->to[l], e->n)], sizeof(*t));
         t[1] = t[2] = t[3] = t[0];
         k[0] = 1.0f;
         k[1] = k[2] = k[3] = 0.0f;
@@ -261,51 +296,73 @@ static inline void look_low(const struct transport_look *look, const float w[3],
     memcpy(rgb, &sum, 3 * sizeof(*rgb));
 }
 
-/* The lower part, plus the balance heuristic's share of the sun in the texel that contains w. */
-static inline void look_at(const struct transport_look *look, const float w[3], float density, float rgb[3])
+/* Adds the balance heuristic's share of the sun in the texel that a gaze meets. */
+static inline void look_sun(const struct transport_look *look, const struct glances *g, const struct transport_gaze *q,
+                            int l, float rgb[3])
 {
     const struct environment *e = look->environment;
-    float u, v;
-
-    look_low(look, w, density, rgb);
-    if (!(look->level < INFINITY))
-        return;
-    const float *axis = look->sun->axis; /* spares most gazes the texel, which is outside the near caches */
-    if (w[0] * axis[0] + w[1] * axis[1] + w[2] * axis[2] < look->sun->cosine)
-        return;
-    const uint32_t at = cube_texel(e->n, w, &u, &v);
+    const uint32_t at = direction_texel(q->to[l], e->n);
     const struct texel *x = &e->texels[at];
-    const float g = rgb_luminance(x->r, x->g, x->b), above = 1.0f - sky_lower(look->level, g);
+    const float luminance = rgb_luminance(x->r, x->g, x->b), above = 1.0f - sky_lower(look->level, luminance);
+
     if (!(above > 0.0f))
         return;
-    const float other =
-        (float)((double)(g * above) * e->solid_angle[at % (e->n * e->n)] * look->per_energy) * cube_jacobian(u, v);
-    const float share = above * density / (density + other);
+    const float other = (float)((double)(luminance * above) * e->solid_angle[at % (e->n * e->n)] * look->per_energy) *
+                        cube_jacobian(g->u.v[l], g->v.v[l]);
+    const float share = above * g->density.v[l] / (g->density.v[l] + other);
     rgb[0] += share * x->r;
     rgb[1] += share * x->g;
     rgb[2] += share * x->b;
 }
 
+/* Which lanes look near the sun: spares most gazes the texel, which is outside the near caches. */
+static inline void find_near(const struct transport_look *look, const struct glances *g, int32_t near[PACKET])
+{
+    const float *a = look->sun->axis, cosine = look->sun->cosine;
+
+    LANES(l)
+    {
+        const float u = g->u.v[l], v = g->v.v[l], along = g->face[l] & 1 ? -1.0f : 1.0f;
+        const int32_t on = g->face[l] >> 1;
+        const float dot = on == 0   ? along * a[0] + u * a[1] + v * a[2]
+                          : on == 1 ? along * a[1] + u * a[2] + v * a[0]
+                                    : along * a[2] + u * a[0] + v * a[1];
+        near[l] = dot >= cosine * sqrtf(1.0f + u * u + v * v);
+    }
+}
+
 static void gaze(const struct transport_look *look, const struct shade_packet *p, const struct transport_gaze *gazes,
                  float *lo)
 {
-    const bool three = lobe_rows((enum lobe_kind)p->kind) > 2;
+    const bool sun = look->level<INFINITY, three = lobe_rows((enum lobe_kind)p->kind)> 2;
 
     for (uint32_t i = 0; i < TRANSPORT_GAZES; i++) {
         const struct transport_gaze *q = &gazes[i];
-        for (uint32_t l = 0; l < p->count; l++) {
-            const float w[3] = { q->x[l], q->y[l], q->z[l] }, by_one = three ? q->by_one[l] : 0.0f;
+        struct lanes specular, one = { { 0.0f } }, light[3] = { { { 0.0f } } };
+        struct glances g;
+        int32_t near[PACKET] = { 0 };
+        widen_lanes(q->by_specular, &specular);
+        if (three)
+            widen_lanes(q->by_one, &one);
+        find_glances(look->environment->pyramid, q, &g);
+        if (sun)
+            find_near(look, &g, near);
+        for (int l = 0; l < (int)p->count; l++) {
             float rgb[3];
-            if (!(q->by_specular[l] + by_one > 0.0f))
+            if (!(specular.v[l] + one.v[l] > 0.0f))
                 continue;
-            look_at(look, w, q->density[l], rgb);
+            look_low(look, &g, q, l, rgb);
+            if (near[l])
+                look_sun(look, &g, q, l, rgb);
             for (int c = 0; c < 3; c++)
-                lo[c * PACKET + l] += (p->specular[c][l] * q->by_specular[l] + by_one) * rgb[c];
+                light[c].v[l] = rgb[c];
         }
+        for (int c = 0; c < 3; c++)
+            LANES(l) lo[c * PACKET + l] += (p->specular[c][l] * specular.v[l] + one.v[l]) * light[c].v[l];
     }
 }
 
 extern const struct sun_kernels KERNEL(sun_kernels);
 extern const struct transport_kernels KERNEL(transport_kernels);
-const struct transport_kernels
-    KERNEL(transport_kernels) = { trace, cells, expand, aim, gaze, &KERNEL(sun_kernels), widen };
+const struct transport_kernels KERNEL(transport_kernels) = { trace, cells, expand, aim, gaze, &KERNEL(sun_kernels),
+                                                             widen };

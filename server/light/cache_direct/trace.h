@@ -1,7 +1,9 @@
 /* Traces the entries of the cache of direct light (light/cache_direct/internal.h). Included by its kernels only. */
 #pragma once
 
+#include "base/half.h"
 #include "light/cache_direct/internal.h"
+#include "light/estimators/packed.h"
 #include "scene/geometry/lane_rays.h"
 #include "scene/surface/lobes.h"
 
@@ -530,13 +532,12 @@ static inline uint64_t aim(const struct transport_world *w, const struct shade_p
         LANES(l)
         {
             const float density = some ? TRANSPORT_GAZES * pdf.v[l] : 0.0f;
-            const float scale = density > 0.0f ? 1.0f / density : 0.0f;
-            out->x[l] = d[0].v[l];
-            out->y[l] = d[1].v[l];
-            out->z[l] = d[2].v[l];
-            out->by_specular[l] = scale > 0.0f ? scale * row[1].v[l] : 0.0f;
-            out->by_one[l] = scale > 0.0f ? scale * row[2].v[l] : 0.0f;
-            out->density[l] = density;
+            if (!(density > 0.0f))
+                continue;
+            out->to[l] = direction_pack((const float[]){ d[0].v[l], d[1].v[l], d[2].v[l] });
+            out->by_specular[l] = half_round(fminf(row[1].v[l] / density, HALF_MAX));
+            out->by_one[l] = half_round(fminf(row[2].v[l] / density, HALF_MAX));
+            out->root_density[l] = half_round(fminf(sqrtf(density), HALF_MAX));
         }
     }
     return t.traced;

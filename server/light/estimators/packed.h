@@ -1,8 +1,7 @@
-/* What stored paths carry, packed into 4 bytes each: directions and colours.
+/* What stored paths and gazes carry, packed into 4 bytes each: directions and colours.
  *
  * Directions: 3 bits of face, 14 of row and 14 of column of a cube map with 2^14 texels per edge. On any
- * cube map whose edge divides that, the texel is the one of cube_texel; on others possibly a neighbour. Private to this
- * room. Thread: any. */
+ * cube map whose edge divides that, the texel is the one of cube_texel; on others possibly a neighbour. Thread: any. */
 #pragma once
 
 #include "sky/tables/cube.h"
@@ -22,18 +21,36 @@ static inline uint32_t direction_pack(const float w[3])
     return cube_texel(1u << DIRECTION_BITS, w, &u, &v); /* face, row and column have separate bits */
 }
 
+/* Its face, and the middle of its texel there. */
+static inline uint32_t direction_face(uint32_t packed)
+{
+    return packed >> 2 * DIRECTION_BITS;
+}
+
+static inline float direction_u(uint32_t packed)
+{
+    const uint32_t edge = 1u << DIRECTION_BITS;
+
+    return ((float)(int32_t)(packed & (edge - 1)) + 0.5f) * (2.0f / (float)edge) - 1.0f;
+}
+
+static inline float direction_v(uint32_t packed)
+{
+    return direction_u(packed >> DIRECTION_BITS);
+}
+
 /* Index of its texel in a cube map of n texels per edge. */
 static inline uint32_t direction_texel(uint32_t packed, uint32_t n)
 {
     const uint32_t mask = (1u << DIRECTION_BITS) - 1, row = packed >> DIRECTION_BITS & mask, column = packed & mask;
 
-    return ((packed >> 2 * DIRECTION_BITS) * n + (row * n >> DIRECTION_BITS)) * n + (column * n >> DIRECTION_BITS);
+    return (direction_face(packed) * n + (row * n >> DIRECTION_BITS)) * n + (column * n >> DIRECTION_BITS);
 }
 
 /* Whether it came from direction_pack: those read from a file may not. */
 static inline bool direction_is_packed(uint32_t packed)
 {
-    return packed >> 2 * DIRECTION_BITS < CUBE_FACES;
+    return direction_face(packed) < CUBE_FACES;
 }
 
 /* ---- Colours ---- */

@@ -1,5 +1,6 @@
 #include "sky/between/restore.h"
 
+#include "base/half.h"
 #include "base/luminance.h"
 #include "base/mem.h"
 #include "sky/between/latlong.h"
@@ -175,7 +176,6 @@ static enum err fit_sky(const struct spot_area *a, const double w[3], double uni
 
 #define WHOLE 0.25     /* of the energy that the sky calls for: a sun with more did not clip */
 #define WHOLE_HALF 0.6 /* the same for a spot at the largest half float, where suns do clip */
-#define HALF_MOST 65504.0f
 #define MOST_OVER_REST 30.0 /* a clear sky's sun has a tenth of that: other units */
 #define LOW 2.0             /* degrees: the light of a lower sun is a matter of haze, and at the horizon are lamps */
 
@@ -288,7 +288,7 @@ enum err restore_sun(float *rgb, uint32_t width, uint32_t height, const struct r
         out->agreement = f.share;
     }
     model(out->direction, f.turbidity, &sky);
-    out->irradiance = missing(&a, desc, &sky, fabsf(most - HALF_MOST) < 1e-3f * HALF_MOST, out);
+    out->irradiance = missing(&a, desc, &sky, fabsf(most - HALF_MAX) < 1e-3f * HALF_MAX, out);
     if (out->kind != RESTORE_ADDED)
         return ERR_OK;
     if (desc->units > 0.0)

@@ -274,10 +274,13 @@ static void forged_numbers_with_right_checksums_are_refused(void **state)
     uint32_t narrow = 0;
     while (!made->blocks[narrow].narrow)
         narrow++;
-    const size_t gazes_end = place_of(made, narrow + 1) - sizeof(struct transport_sight);
-    for (size_t k = 0; k < 6; k++) { /* directions, then light, then density */
-        static const float bad[6] = { NAN, INFINITY, 4.0f, -1.0f, NAN, INFINITY };
-        assert_forged_record_refused(&s, good, gazes_end - (6 - k) * PACKET * sizeof(float), &bad[k], sizeof(float));
+    const size_t gaze = place_of(made, narrow + 1) - sizeof(struct transport_sight) - sizeof(struct transport_gaze);
+    assert_forged_record_refused(&s, good, gaze, &(uint32_t){ 6u << 28 }, 4); /* a seventh face */
+    for (size_t k = 0; k < 3; k++) { /* light, light, density: infinite; no number; negative */
+        static const uint16_t bad[3] = { 0x7c00, 0x7e01, 0x8001 };
+        const size_t halves = gaze + offsetof(struct transport_gaze, by_specular) + k * PACKET * sizeof(uint16_t);
+        for (size_t i = 0; i < 3; i++)
+            assert_forged_record_refused(&s, good, halves, &bad[i], sizeof(bad[i]));
     }
     const size_t piece = first + SHAPE, end = piece + transport_piece_bytes(q, made->blocks[0].packets * PACKET);
     assert_forged_record_refused(&s, good, end - 2, &(uint16_t){ 0x7c00 }, 2);  /* infinite */
