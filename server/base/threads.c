@@ -11,12 +11,19 @@
 
 extern char **environ;
 
-static bool has(char *const *variables, const char *name)
+/* What libraries read when they are loaded. */
+static char passive[] = "OMP_WAIT_POLICY=passive", one[] = "OPENBLAS_NUM_THREADS=1",
+            large[] = "GLIBC_TUNABLES=glibc.malloc.hugetlb=1";
+static char *const wanted[] = { passive, one, large };
+enum { WANTED = sizeof(wanted) / sizeof(wanted[0]) };
+
+/* Whether a variable of that name is among them. */
+static bool has(char *const *variables, const char *wish)
 {
-    const size_t length = strlen(name);
+    const size_t length = (size_t)(strchr(wish, '=') - wish) + 1;
 
     for (; *variables; variables++)
-        if (strncmp(*variables, name, length) == 0 && (*variables)[length] == '=')
+        if (strncmp(*variables, wish, length) == 0)
             return true;
     return false;
 }
@@ -24,23 +31,19 @@ static bool has(char *const *variables, const char *name)
 /* The C library is not initialised yet where this runs before the others: it calls the kernel and copies memory. */
 static void execute_again(int argc, char **argv, char **variables)
 {
-    static char passive[] = "OMP_WAIT_POLICY=passive", one[] = "OPENBLAS_NUM_THREADS=1";
-    static char *all[VARIABLES_MOST + 3];
+    static char *all[VARIABLES_MOST + WANTED + 1];
     static char path[4096]; /* the program's own path, so that it keeps its name in process lists */
-    size_t count = 0;
+    size_t count = 0, own = 0;
 
     (void)argc;
-    if (has(variables, "OMP_WAIT_POLICY") && has(variables, "OPENBLAS_NUM_THREADS"))
-        return;
     for (; variables[count] && count < VARIABLES_MOST; count++)
         all[count] = variables[count];
-    if (!has(variables, "OMP_WAIT_POLICY"))
-        all[count++] = passive;
-    if (!has(variables, "OPENBLAS_NUM_THREADS"))
-        all[count++] = one;
-    if (readlink("/proc/self/exe", path, sizeof(path) - 1) > 0)
+    for (int k = 0; k < WANTED; k++)
+        if (!has(variables, wanted[k]))
+            all[count + own++] = wanted[k];
+    if (own > 0 && readlink("/proc/self/exe", path, sizeof(path) - 1) > 0)
         execve(path, argv, all);
-    /* If that fails, spinning only costs speed. */
+    /* If that fails, spinning and small pages only cost speed. */
 }
 
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
@@ -49,7 +52,7 @@ __attribute__((section(".preinit_array"), used)) static void (*const before_libr
                                                                                        char **) = execute_again;
 #endif
 
-void threads_wait_passively(char **argv)
+void process_settle(char **argv)
 {
     execute_again(0, argv, environ);
 }

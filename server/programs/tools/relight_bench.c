@@ -111,7 +111,7 @@ int main(int argc, char **argv)
         log_error("%s", why.text);
         return err_exit_code(failed);
     }
-    threads_wait_passively(argv);
+    process_settle(argv);
     command_begin(&command);
     enum err e = command_parse(&command, argc, argv, &done, &why);
     if (!e && done)

@@ -112,7 +112,7 @@ int main(int argc, char **argv)
     struct reason why = { "" };
     bool done;
 
-    threads_wait_passively(argv); /* as relightd does, whose frames are timed here */
+    process_settle(argv); /* as relightd does, whose frames are timed here */
     log_init("relight-chart", LOG_INFO);
     chart.desc.arguments = argv + 1;
     command.epilogue = sky_help;

@@ -222,7 +222,7 @@ int main(int argc, char **argv)
     bool done = false;
     uint32_t rank = 0;
 
-    threads_wait_passively(argv);
+    process_settle(argv);
     log_init("relightd", LOG_INFO);
     handle_signals();
     s->stop = &stop_asked;
