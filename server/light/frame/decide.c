@@ -4,10 +4,11 @@
 
 #include <math.h>
 
-#define SMOOTH 0.2          /* share of the newest time in a running mean */
-#define FIRST_SAMPLES 8     /* of a denoised image, */
-#define FIRST_OF_ALL 4      /* of the very first one, which no audit delays, */
-#define FIRST_PATHS 2       /* and its eye paths */
+#define SMOOTH 0.2      /* share of the newest time in a running mean, */
+#define SMOOTH_LESS 0.5 /* and of one that is less: the first image by a cache asks for most of what the sun needs */
+#define FIRST_SAMPLES 8 /* of a denoised image, */
+#define FIRST_OF_ALL 4  /* of the very first one, which no audit delays, */
+#define FIRST_PATHS 2   /* and its eye paths */
 #define BUILDING_SHARE 0.35 /* of the time, for images while the cache is being computed, */
 #define BUILDING_S 2.0      /* with at most this time from one to the next, */
 #define AT_ONCE 2           /* after so many images */
@@ -173,7 +174,9 @@ static void note_image(struct decider *d, const struct relight_stats *stats)
 {
     const double s = 1e-3 * (stats->shade_ms + stats->eye_ms + stats->light_ms + stats->filter_ms + stats->resolve_ms);
 
-    d->cache.image_s += (d->cache.image_s > 0.0 ? SMOOTH : 1.0) * (s - d->cache.image_s);
+    const double step = d->cache.image_s == 0.0 ? 1.0 : s < d->cache.image_s ? SMOOTH_LESS : SMOOTH;
+
+    d->cache.image_s += step * (s - d->cache.image_s);
 }
 
 /* Black skies and cancelled frames trace nothing, so they are not measured. */
