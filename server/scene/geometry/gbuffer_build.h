@@ -108,7 +108,7 @@ static inline bool leaf_level(const struct leaf *own, const struct leaf *other, 
  * cluster's variance). links: scratch memory for count of them. */
 void leaves_merge(const struct sight *s, struct leaf *leaves, struct leaf_link *links, uint32_t *count);
 
-#define LEAF_LEAST (1.0 / 256.0) /* of a pixel: a code of 8 bits */
+#define LEAF_LEAST (1.0 / 128.0) /* of a pixel: two codes of 8 bits */
 
 /* Points behind mirrors and glass that bring less than LEAF_LEAST of a pixel stand for each other, by systematic
  * sampling [Cochran 1977, chapter 8]: each is kept with the probability weight / LEAF_LEAST, and has the weight

@@ -14,7 +14,7 @@
 
 /* Branches lighter than this share of LEAF_LEAST stand for each other, like leaves (leaves_thin), so that glass before
  * glass needs fewer rays. */
-#define FAINT 0.25
+#define FAINT 0.125
 #define RAYS_IN_PIXEL 16.0f /* at most; wider ones are at the image's corners */
 
 struct branch {
