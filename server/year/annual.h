@@ -149,10 +149,13 @@ void annual_order_finish(struct annual *a);
 MUST_CHECK enum err annual_report(struct annual *a, struct reason *why);
 
 /* images.c. annual_images_read: desc.images; ERR_USAGE. annual_image_of: the image requested for a moment;
- * NULL: none. annual_image_write: the files of a moment, from a->rgb. */
+ * NULL: none. annual_image_write: the files of a moment, from a->rgb. false_colour_write: false_colour_map (film.h) as
+ * a PNG file. */
 MUST_CHECK enum err annual_images_read(struct annual *a, struct reason *why);
 struct annual_image *annual_image_of(struct annual *a, const struct moment *m);
 MUST_CHECK enum err annual_image_write(struct annual *a, const struct moment *m, struct reason *why);
+MUST_CHECK enum err false_colour_write(const float *values, uint32_t width, uint32_t height, double most, int steps,
+                                       const char *path, struct reason *why);
 void annual_image_name(const struct annual_image *p, char *out, size_t size); /* "picture-0321-0930" */
 
 /* ---- Glare ---- */

@@ -99,6 +99,19 @@ static enum err store_png(const uint8_t *rgb, uint32_t width, uint32_t height, c
     return e;
 }
 
+enum err false_colour_write(const float *values, uint32_t width, uint32_t height, double most, int steps,
+                            const char *path, struct reason *why)
+{
+    uint8_t *pixels = mem_alloc((size_t)width * height, 3);
+
+    if (!pixels)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    false_colour_map(values, width, height, most, steps, pixels);
+    const enum err e = store_png(pixels, width, height, path, why);
+    mem_free(pixels);
+    return e;
+}
+
 /* As the eye sees it, exposed by itself. */
 static enum err write_seen(struct annual *a, const char *path, struct reason *why)
 {
@@ -144,17 +157,13 @@ static enum err write_luminance(const struct annual *a, const char *path, struct
 {
     const uint32_t width = a->set->view.width, height = a->set->view.height;
     const size_t count = (size_t)width * height;
-    uint8_t *pixels = mem_alloc(count, 3);
     float *shares = mem_alloc(count, sizeof(*shares));
-    enum err e = pixels && shares ? ERR_OK : err_say(why, ERR_NOMEM, "out of memory");
 
-    for (size_t i = 0; i < count && !e; i++)
+    if (!shares)
+        return err_say(why, ERR_NOMEM, "out of memory");
+    for (size_t i = 0; i < count; i++)
         shares[i] = (float)fmin(1.0, log10(fmax((double)a->cdm2[i], LEAST_CDM2) / LEAST_CDM2) / DECADES);
-    if (!e) {
-        false_colour_map(shares, width, height, 1.0, STEPS, pixels);
-        e = store_png(pixels, width, height, path, why);
-    }
-    mem_free(pixels);
+    const enum err e = false_colour_write(shares, width, height, 1.0, STEPS, path, why);
     mem_free(shares);
     return e;
 }

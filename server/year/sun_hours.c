@@ -1,14 +1,13 @@
 #include "year/sun_hours.h"
 
-#include "base/file_store.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/text.h"
 #include "image/codec/encode.h"
-#include "image/film/film.h"
 #include "light/estimators/sunlight.h"
 #include "light/resolve/resolve.h"
 #include "sky/daylight/sky.h"
+#include "year/annual.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -152,24 +151,6 @@ static double scale_of(double hours)
     }
 }
 
-static enum err write_colours(const float *map, uint32_t width, uint32_t height, double most, const char *path,
-                              struct reason *why)
-{
-    uint8_t *pixels = mem_alloc((size_t)width * height, 3), *bytes = NULL;
-    size_t size = 0;
-
-    if (!pixels)
-        return err_say(why, ERR_NOMEM, "out of memory");
-    false_colour_map(map, width, height, most, COLOURS, pixels);
-    const struct png_desc d = { .samples = pixels, .width = width, .height = height };
-    enum err e = png_encode(&d, &bytes, &size, why);
-    if (!e)
-        e = file_store(path, bytes, size, why);
-    mem_free(pixels);
-    mem_free(bytes);
-    return e;
-}
-
 static enum err write_values(const float *map, uint32_t width, uint32_t height, const char *path, struct reason *why)
 {
     const size_t pixels = (size_t)width * height;
@@ -205,7 +186,7 @@ static enum err write_map(const struct sun_hours_desc *desc, const struct way *w
     if (text_ends_with(desc->path, ".exr"))
         return write_values(map, g->width, g->height, desc->path, why);
     log_info("hours of sun: colours from 0 (dark blue) to %g (red), with a line every %g", most, most / COLOURS);
-    return write_colours(map, g->width, g->height, most, desc->path, why);
+    return false_colour_write(map, g->width, g->height, most, COLOURS, desc->path, why);
 }
 
 static enum err run(const struct sun_hours_desc *desc, const struct way *w, const struct prepared_scene *set,

@@ -228,7 +228,7 @@ async def limited(kind, value, source, uid):
             os.setgid(65534)
             os.setuid(uid)
 
-    env = {name: v for name, v in os.environ.items() if name not in ("OMP_WAIT_POLICY", "OPENBLAS_NUM_THREADS")}
+    env = {name: v for name, v in os.environ.items() if name not in ("OMP_WAIT_POLICY", "OPENBLAS_NUM_THREADS", "GLIBC_TUNABLES")}
     process = await asyncio.create_subprocess_exec(
         str(BIN / "relightd"), "--port", "0", "--size", "64x36", "--samples", "2", "--paths", "all", "--source", str(source),
         "--cache-file", "off", stderr=asyncio.subprocess.PIPE, preexec_fn=limit, env={**env, "HOME": "/nonexistent"})

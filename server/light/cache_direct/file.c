@@ -84,12 +84,14 @@ static bool is_sound(const struct transport_shape *s, uint32_t points)
     return true;
 }
 
-static bool all_finite(const uint16_t *halves, size_t count)
+/* Half floats that are finite and, of gazes, not negative. */
+static bool are_sound_halves(const uint16_t *halves, size_t count, bool of_gazes)
 {
+    const uint16_t mask = of_gazes ? 0xffffu : 0x7fffu;
     unsigned bad = 0;
 
     for (size_t i = 0; i < count; i++)
-        bad |= (halves[i] & 0x7c00u) == 0x7c00u;
+        bad |= (halves[i] & mask) >= 0x7c00u;
     return bad == 0;
 }
 
@@ -104,7 +106,8 @@ bool transport_is_sound(const struct transport_piece *q, size_t bytes)
         if (!(gain >= 0.0f && gain < 1e6f))
             return false;
     }
-    return all_finite((const uint16_t *)(const void *)(q->bytes + before), (bytes - before) / sizeof(uint16_t));
+    return are_sound_halves((const uint16_t *)(const void *)(q->bytes + before), (bytes - before) / sizeof(uint16_t),
+                            false);
 }
 
 static enum err read_piece(struct cache_reader *r, uint32_t points, struct transport_piece *q, struct reason *why)
@@ -123,20 +126,10 @@ static enum err read_piece(struct cache_reader *r, uint32_t points, struct trans
     return e || transport_is_sound(q, bytes) ? e : cache_reader_refuse(r, why);
 }
 
-/* Half floats that are finite and not negative. */
-static bool are_sound_halves(const uint16_t *halves, size_t count)
-{
-    unsigned bad = 0;
-
-    for (size_t i = 0; i < count; i++)
-        bad |= halves[i] >= 0x7c00u;
-    return bad == 0;
-}
-
 static bool is_sound_gaze(const struct transport_gaze *q)
 {
-    bool sound = are_sound_halves(q->by_specular, PACKET) && are_sound_halves(q->by_one, PACKET) &&
-                 are_sound_halves(q->root_density, PACKET);
+    bool sound = are_sound_halves(q->by_specular, PACKET, true) && are_sound_halves(q->by_one, PACKET, true) &&
+                 are_sound_halves(q->root_density, PACKET, true);
 
     for (uint32_t l = 0; l < PACKET; l++)
         sound = sound && direction_is_packed(q->to[l]);

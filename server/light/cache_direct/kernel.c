@@ -186,37 +186,18 @@ static void cells(const struct transport_block *b, const struct shade_packet *pa
     }
 }
 
-/* Where a packet's lanes look: on which face of the sky and where, and in which texels of its pyramid. */
+/* Where a packet's lanes look: on which face of the sky and where, and at which level of its pyramid. */
 struct glances {
-    struct lanes u, v, density, x, y; /* x, y: columns and rows of level's texels from the middle of the first */
-    int32_t face[PACKET], level[PACKET], n[PACKET];
+    struct lanes u, v, density;
+    int32_t face[PACKET], level[PACKET];
 };
 
-/* The coarsest level of the sky's pyramid whose texels are no larger than half the solid angle of one gaze; [Krivanek
- * and Colbert 2008] use twice as large ones, but draw new samples for each pixel. */
-static inline void find_levels(const struct pyramid *p, struct glances *g)
+/* The level is the coarsest one whose texels are no larger than half the solid angle of one gaze; [Krivanek and
+ * Colbert 2008] use twice as large ones, but draw new samples for each pixel. */
+static inline void find_glances(const struct pyramid *p, const struct transport_gaze *q, struct glances *g)
 {
     const float most = (float)(2.0 * 4.0 * PI / CUBE_FACES); /* texels have 4 pi / (6 n^2) sr */
 
-    LANES(l)
-    {
-        g->level[l] = 0;
-        g->n[l] = (int32_t)p->level[0].n;
-    }
-    for (int32_t k = 1; k < (int32_t)p->count; k++) {
-        const int32_t n = (int32_t)p->level[k].n;
-        const float texels = (float)(n * n);
-        LANES(l)
-        {
-            const bool coarser = most * g->density.v[l] <= texels;
-            g->level[l] = coarser ? k : g->level[l];
-            g->n[l] = coarser ? n : g->n[l];
-        }
-    }
-}
-
-static inline void find_glances(const struct pyramid *p, const struct transport_gaze *q, struct glances *g)
-{
     widen_lanes(q->root_density, &g->density);
     LANES(l)
     {
@@ -224,30 +205,29 @@ static inline void find_glances(const struct pyramid *p, const struct transport_
         g->v.v[l] = direction_v(q->to[l]);
         g->face[l] = (int32_t)direction_face(q->to[l]);
         g->density.v[l] *= g->density.v[l];
+        g->level[l] = 0;
     }
-    find_levels(p, g);
-    LANES(l)
-    {
-        const float half = 0.5f * (float)g->n[l];
-        g->x.v[l] = (g->u.v[l] + 1.0f) * half - 0.5f;
-        g->y.v[l] = (g->v.v[l] + 1.0f) * half - 0.5f;
+    for (uint32_t k = 1; k < p->count; k++) {
+        const float texels = (float)(p->level[k].n * p->level[k].n);
+        LANES(l) g->level[l] += most * g->density.v[l] <= texels;
     }
 }
 
 /* A texel as one vector. */
 #define FOUR_FLOATS __attribute__((vector_size(4 * sizeof(float)))) float
 
-/* The four texels around (x, y), and their weights. False if they are not all on one face. */
-static inline bool find_four(const float *texels, uint32_t n, uint32_t face, float x, float y, FOUR_FLOATS out[4],
+/* The four texels around a glance, and their weights. False if they are not all on one face. */
+static inline bool find_four(const float *texels, uint32_t n, const struct glances *g, int l, FOUR_FLOATS out[4],
                              float weight[4])
 {
-    const float last = (float)(n - 1);
+    const float half = 0.5f * (float)n, last = (float)(n - 1);
+    const float x = (g->u.v[l] + 1.0f) * half - 0.5f, y = (g->v.v[l] + 1.0f) * half - 0.5f;
 
     if (!(x >= 0.0f && y >= 0.0f && x < last && y < last))
         return false;
     const uint32_t j = (uint32_t)x, i = (uint32_t)y;
     const float fx = x - (float)j, fy = y - (float)i;
-    const float *at = texels + 4 * (((size_t)face * n + i) * n + j);
+    const float *at = texels + 4 * (((size_t)g->face[l] * n + i) * n + j);
     memcpy(out, at, 2 * sizeof(*out));
     memcpy(out + 2, at + 4 * (size_t)n, 2 * sizeof(*out));
     weight[0] = (1 - fx) * (1 - fy);
@@ -260,12 +240,11 @@ static inline bool find_four(const float *texels, uint32_t n, uint32_t face, flo
 static inline void look_level(const struct pyramid *p, const struct glances *g, int l, float rgb[3])
 {
     const struct pyramid_level *level = &p->level[g->level[l]];
-    const uint32_t face = (uint32_t)g->face[l];
     FOUR_FLOATS t[4];
     float k[4];
 
-    if (level->gain || !find_four(level->texels, level->n, face, g->x.v[l], g->y.v[l], t, k)) {
-        pyramid_lookup_at(p, (uint32_t)g->level[l], face, g->u.v[l], g->v.v[l], rgb);
+    if (level->gain || !find_four(level->texels, level->n, g, l, t, k)) {
+        pyramid_lookup_at(p, (uint32_t)g->level[l], (uint32_t)g->face[l], g->u.v[l], g->v.v[l], rgb);
         return;
     }
     const FOUR_FLOATS sum = (k[0] * t[0] + k[1] * t[1]) + (k[2] * t[2] + k[3] * t[3]);
@@ -278,14 +257,13 @@ static inline void look_low(const struct transport_look *look, const struct glan
                             int l, float rgb[3])
 {
     const struct environment *e = look->environment;
-    const float half = 0.5f * (float)e->n, x = (g->u.v[l] + 1.0f) * half - 0.5f, y = (g->v.v[l] + 1.0f) * half - 0.5f;
     FOUR_FLOATS t[4], sum = { 0.0f };
     float k[4];
 
     look_level(e->pyramid, g, l, rgb);
     if (!(rgb_luminance(rgb[0], rgb[1], rgb[2]) > look->level))
         return;
-    if (!find_four(&e->texels->r, e->n, (uint32_t)g->face[l], x, y, t, k)) {
+    if (!find_four(&e->texels->r, e->n, g, l, t, k)) {
         memcpy(t, &e->texels[direction_texel(q->to[l], e->n)], sizeof(*t));
         t[1] = t[2] = t[3] = t[0];
         k[0] = 1.0f;

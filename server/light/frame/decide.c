@@ -14,8 +14,8 @@
 #define AT_ONCE 2           /* after so many images */
 #define IMAGE_SHARE 0.9     /* of the time between two images that a measured image may use, */
 #define CACHE_SHARE 0.5     /* while a cache is computed beside: it costs quality, not rate */
-#define SAMPLES 64          /* N_s of the cache's frames, for what is traced of the sun, */
-#define SAMPLES_ROUGH 32    /* and while it is computed: a sixth less time, and its own error is larger */
+#define SAMPLES 64          /* N_s of the cache's frames, from which their eye paths and particles follow, */
+#define SAMPLES_ROUGH 32    /* and while it is computed, when its own error is larger */
 
 void decider_finish(struct decider *d)
 {

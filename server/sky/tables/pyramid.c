@@ -439,11 +439,3 @@ void pyramid_lookup_at(const struct pyramid *p, uint32_t level, uint32_t face, f
     else
         lookup_across(l, face, &x, &y, rgb);
 }
-
-void pyramid_lookup(const struct pyramid *p, uint32_t level, const float w[3], float rgb[3])
-{
-    float u, v;
-    const uint32_t face = cube_locate(w, &u, &v);
-
-    pyramid_lookup_at(p, level, face, u, v, rgb);
-}

@@ -45,7 +45,6 @@ void pyramid_band(struct pyramid *p, uint32_t face, uint32_t b);
 /* Last step. */
 void pyramid_end(struct pyramid *p);
 
-/* Bilinear lookup in a level along w (nonzero), continuous everywhere, including across face edges. */
-void pyramid_lookup(const struct pyramid *p, uint32_t level, const float w[3], float rgb[3]);
-/* The same at (u, v) on a face (cube.h). level: p->count, too, for the mean over the sphere. */
+/* Bilinear lookup in a level at (u, v) on a face (cube.h), continuous everywhere, including across face edges. level:
+ * p->count, too, for the mean over the sphere. */
 void pyramid_lookup_at(const struct pyramid *p, uint32_t level, uint32_t face, float u, float v, float rgb[3]);

@@ -233,10 +233,9 @@ static double given_off(const struct pyramid *p, uint32_t level)
         cube_solid_angles(FINE, solid_angle);
     for (uint32_t face = 0; face < CUBE_FACES; face++)
         for (uint32_t k = 0; k < FINE * FINE; k++) {
-            double d[3];
+            const double u = -1.0 + 2.0 * (k % FINE + 0.5) / FINE, v = -1.0 + 2.0 * (k / FINE + 0.5) / FINE;
             float rgb[3];
-            cube_direction(face, -1.0 + 2.0 * (k % FINE + 0.5) / FINE, -1.0 + 2.0 * (k / FINE + 0.5) / FINE, d);
-            pyramid_lookup(p, level, (const float[]){ (float)d[0], (float)d[1], (float)d[2] }, rgb);
+            pyramid_lookup_at(p, level, face, (float)u, (float)v, rgb);
             sum += solid_angle[k] * (double)rgb[1];
         }
     return sum;

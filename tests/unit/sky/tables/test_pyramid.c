@@ -1,6 +1,7 @@
 /* What is looked at with a wide eye. */
 #include "support/skies.h"
 
+#include "sky/tables/cube.h"
 #include "sky/tables/pyramid.h"
 
 static const float widths[] = { 0.0f, 1e-4f, 0.01f, 0.03f, 0.1f, 0.2f, 0.5f, 1.0f, 2.0f, 4.0f, 6.3f, 100.0f, INFINITY };
@@ -235,9 +236,10 @@ static float steepest(const struct environment *e, int level, float width, uint3
         for (uint32_t k = 0; k <= steps; k++) {
             const double t = 2.0 * PI * k / steps;
             const struct vec3 w = vec3_add(vec3_scale(a, (float)cos(t)), vec3_scale(b, (float)sin(t)));
-            float rgb[3];
+            float rgb[3], u, v;
+            const uint32_t face = cube_locate((const float[3]){ w.x, w.y, w.z }, &u, &v);
             if (level >= 0)
-                pyramid_lookup(e->pyramid, (uint32_t)level, (const float[3]){ w.x, w.y, w.z }, rgb);
+                pyramid_lookup_at(e->pyramid, (uint32_t)level, face, u, v, rgb);
             else
                 environment_lookup_wide(e, w, width, rgb);
             if (k > 0)
