@@ -28,9 +28,9 @@ uint32_t process_connections_allowed(uint32_t wanted);
 
 /* OpenMP's idle threads spin by default and take processors from other work, OpenBLAS starts threads that nobody needs,
  * and malloc takes small pages, whose tables cost a good part of a frame. These libraries read OMP_WAIT_POLICY,
- * OPENBLAS_NUM_THREADS and GLIBC_TUNABLES when they are loaded: unless the user has set them, sets them and executes the
- * program again. A program that contains a call does this before any library starts, and where sanitizers forbid that,
- * in the call, which must be the first in main. */
+ * OPENBLAS_NUM_THREADS and GLIBC_TUNABLES when they are loaded: unless the user has set them, this sets them and
+ * executes the program again. A program that contains a call does so before any library starts, and where sanitizers
+ * forbid that, in the call, which must be the first in main. */
 void process_settle(char **argv);
 
 /* Whether `count` more threads can run, which is tested by starting and ending them: OpenMP and TBB abort the program
