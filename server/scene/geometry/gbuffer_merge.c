@@ -8,7 +8,7 @@
 #define LOBE_PART 0.8f                  /* of alpha, radians */
 #define REACH 6.0f                      /* footprints: a shadow often ends within them */
 #define WIDTH_PART 0.5f                 /* of the narrower of two escapes */
-#define FAINT (float)(3.0 * LEAF_LEAST) /* sum of weights below which an escape may turn by */
+#define FAINT (float)(1.5 * LEAF_LEAST) /* sum of weights below which an escape may turn by */
 #define FAINT_REACH 0.1f                /* radians, about a cell of the light-transport cache */
 #define ROUGHNESS_STEP 0.1f             /* lobes whose roughness differs by more are not averaged */
 

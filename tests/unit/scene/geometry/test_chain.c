@@ -522,7 +522,7 @@ static uint32_t merged(float weight, float width, float turn, float other_turn, 
  * variance: of three at -t, 0 and t, t^2 / 3 on each axis on average, so 4 t^2 more in the square of the width. */
 static void escapes_that_one_lookup_replaces_are_one(void **state)
 {
-    const float faint = 0.9f * (float)LEAF_LEAST, bright = 1.1f * (float)LEAF_LEAST;
+    const float faint = 0.45f * (float)LEAF_LEAST, bright = 0.55f * (float)LEAF_LEAST;
     float width;
     (void)state;
 
