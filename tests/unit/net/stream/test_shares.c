@@ -92,9 +92,8 @@ static void slow_viewers_together_hold_no_more_than_the_limit(void **state)
     const long cut = reached(s, "memory") + (long)counters.stalled; /* on a busy machine they are stalled before */
     if (cut < SLOW - 12 || cut >= SLOW)
         fail_msg("%ld of %d were cut", cut, SLOW);
-    /* The clients of this process read next to nothing; without a limit it would be 360. In large pages, which relightd
-     * asks for, what each of them holds may fill a page of 2 MiB in part. */
-    if (grown_mib > 160 + 2 * SLOW)
+    /* The clients of this process read next to nothing; without a limit it would be 360. */
+    if (grown_mib > 160)
         fail_msg("%ld MiB more are taken", grown_mib);
     assert_int_equal(client_picture(&patient, &h, CLIENT_WAIT_MS), 1);
     for (int i = 0; i < SLOW; i++)
