@@ -8,7 +8,7 @@
 #include "light/frame/part.h"
 #include "scene/geometry/gbuffer.h"
 #include "scene/geometry/scene_digest.h"
-#include "sky/tables/environment.h"
+#include "sky/tables/irradiance.h"
 #include "year/points.h"
 
 #include <math.h>

@@ -15,9 +15,11 @@
 
 struct direct {
     const struct kernels *kernels;
-    struct light_samples *lights; /* [LIGHT_SETS_MAX] */
+    struct light_samples *lights; /* [2][LIGHT_SETS_MAX]: of samples and of scouts */
     struct sky_table table;
     struct latlong latlong;
+    struct irradiance known; /* of the last call's sky; knows: it is */
+    bool knows;
     uint32_t *numbers; /* [number_capacity][2] */
     uint32_t number_capacity;
     bool tabled; /* in the last call, the strata were those of the table */
@@ -38,7 +40,7 @@ struct direct *direct_create(const struct kernels *kernels)
     if (!d)
         return NULL;
     d->kernels = kernels;
-    d->lights = mem_alloc(LIGHT_SETS_MAX, sizeof(*d->lights));
+    d->lights = mem_alloc(2 * LIGHT_SETS_MAX, sizeof(*d->lights));
     if (!d->lights) {
         direct_destroy(d);
         return NULL;
@@ -50,7 +52,7 @@ void direct_destroy(struct direct *d)
 {
     if (!d)
         return;
-    for (uint32_t k = 0; d->lights && k < LIGHT_SETS_MAX; k++)
+    for (uint32_t k = 0; d->lights && k < 2 * LIGHT_SETS_MAX; k++)
         samples_finish(&d->lights[k]);
     mem_free(d->lights);
     sky_table_finish(&d->table);
@@ -64,21 +66,22 @@ const struct light_samples *direct_samples(const struct direct *d)
     return d->lights;
 }
 
-static enum err draw_numbers(struct direct *d, uint32_t count, uint64_t seed)
+/* A sequence for the samples, and one for scouts. */
+static enum err draw_numbers(struct direct *d, uint32_t count, uint32_t sets, uint64_t seed)
 {
-    if (count > d->number_capacity) {
+    if (sets * count > d->number_capacity) {
         mem_free(d->numbers);
         d->number_capacity = 0;
-        d->numbers = mem_alloc(count, 2 * sizeof(*d->numbers));
+        d->numbers = mem_alloc(sets * count, 2 * sizeof(*d->numbers));
         if (!d->numbers)
             return ERR_NOMEM;
-        d->number_capacity = count;
+        d->number_capacity = sets * count;
     }
-    for (uint32_t i = 0; i < count; i++) {
+    for (uint32_t k = 0; k < sets * count; k++) {
         double x[2];
-        rng_sobol2(seed, i, x);
-        d->numbers[2 * i] = (uint32_t)(x[0] * 0x1p32);
-        d->numbers[2 * i + 1] = (uint32_t)(x[1] * 0x1p32);
+        rng_sobol2(seed + k / count, k % count, x);
+        d->numbers[2 * k] = (uint32_t)(x[0] * 0x1p32);
+        d->numbers[2 * k + 1] = (uint32_t)(x[1] * 0x1p32);
     }
     return ERR_OK;
 }
@@ -140,7 +143,7 @@ static void count_most(const struct direct *d, const struct gbuffer *g, const st
 #pragma omp for schedule(static)
         for (uint32_t k = 0; k < packets; k++) {
             const uint32_t i = only ? only->index[k] : k;
-            uint32_t *m = own[direct_lights(frame, i) - frame->lights];
+            uint32_t *m = own[direct_lights(frame, i, 0) - frame->lights];
             d->kernels->direct_counts(frame, &g->packets[i], i, count);
             for (uint32_t f = 0; f < strata; f++)
                 m[f] = count[f] > m[f] ? count[f] : m[f];
@@ -153,7 +156,7 @@ static void count_most(const struct direct *d, const struct gbuffer *g, const st
     }
 }
 
-/* Draws one set of light samples. The first has the same seed as a single one. */
+/* Draws set k of [2][LIGHT_SETS_MAX]. The first has the same seed as a single one. */
 static enum err draw_set(struct direct *d, const struct environment *e, const struct method_recipe *recipe,
                          const struct strategy *s, uint32_t k, const uint32_t *most)
 {
@@ -171,18 +174,19 @@ static enum err draw_sets(struct direct *d, const struct gbuffer *g, const struc
                           const struct direct_frame *frame)
 {
     uint32_t most[LIGHT_SETS_MAX][STRATA_MAX] = { { 0 } };
+    const uint32_t all = (frame->known ? 2 : 1) * s->sets;
     int failed = 0;
 
-    for (uint32_t k = 0; k < s->sets && s->table; k++) {
-        samples_shape(&d->table, &d->lights[k]);
+    for (uint32_t k = 0; k < all && s->table; k++) {
+        samples_shape(&d->table, &d->lights[k / s->sets * LIGHT_SETS_MAX + k % s->sets]);
         for (uint32_t f = 0; f < STRATA_MAX && !s->systematic; f++)
-            most[k][f] = s->light;
+            most[k % s->sets][f] = s->light;
     }
     if (s->systematic)
         count_most(d, g, only, frame, most);
 #pragma omp parallel for schedule(dynamic) reduction(+ : failed)
-    for (uint32_t k = 0; k < s->sets; k++)
-        failed += draw_set(d, e, recipe, s, k, most[k]) != ERR_OK;
+    for (uint32_t k = 0; k < all; k++)
+        failed += draw_set(d, e, recipe, s, k / s->sets * LIGHT_SETS_MAX + k % s->sets, most[k % s->sets]) != ERR_OK;
     return failed ? ERR_NOMEM : ERR_OK;
 }
 
@@ -270,7 +274,7 @@ static void reset_log(struct direct_log *log)
 /* The log before shading: all samples generated, none chosen. */
 static enum err begin_log(struct direct_log *log, const struct direct_frame *f)
 {
-    const struct light_samples *lights = direct_lights(f, log->packet);
+    const struct light_samples *lights = direct_lights(f, log->packet, 0);
 
     log->samples = f->counts ? f->counts[log->packet] : f->samples;
     log->strata = f->light_part > 0.0f ? lights->strata : 0;
@@ -299,6 +303,11 @@ void direct_log_finish(struct direct_log *log)
     *log = (struct direct_log){ 0 };
 }
 
+bool direct_is_corrected(const struct direct_desc *desc)
+{
+    return method_recipe(desc->method)->known && !desc->no_visibility && desc->samples >= DIRECT_CORRECTED;
+}
+
 enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct rays *rays, const struct environment *e,
                       const struct direct_desc *desc, float *lo, struct direct_stats *stats)
 {
@@ -319,6 +328,7 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
         .counts = desc->counts,
         .light_part = recipe->light_part,
         .brdf_part = recipe->brdf_part,
+        .lobes = lobe_count(desc->samples, recipe->brdf_part),
         .seed = rng_mix(seed, 2),
     };
 
@@ -343,9 +353,16 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
         return result;
     frame.table = s.table ? &d->table : NULL;
     frame.systematic = s.systematic;
+    if (direct_is_corrected(desc)) {
+        result = desc->keep && d->knows ? ERR_OK : irradiance_build(&d->known, e, frame.table);
+        frame.known = &d->known;
+    }
+    d->knows = frame.known;
+    if (result)
+        return result;
     result = draw_sets(d, g, e, recipe, &s, desc->only, &frame);
     if (!result)
-        result = draw_numbers(d, lobe_count(desc->samples, recipe->brdf_part), rng_mix(seed, 1));
+        result = draw_numbers(d, frame.lobes, frame.known ? 2 : 1, rng_mix(seed, 1));
     if (result)
         return result;
     frame.numbers = d->numbers;

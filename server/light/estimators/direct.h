@@ -94,6 +94,10 @@ MUST_CHECK enum err direct_shade(struct direct *d, const struct gbuffer *g, cons
                                  const struct environment *e, const struct direct_desc *desc, float *lo,
                                  struct direct_stats *stats);
 
+/* Whether what is known of an open sky corrects the samples (open_sky.h): a point that sees all of it has no noise but
+ * the sun's. */
+bool direct_is_corrected(const struct direct_desc *desc);
+
 /* The first set of light samples of the last direct_shade (no strata under a black sky), for tests; owned by d. Their
  * number is the paper's N_s / 2 per face, N_s for methods without BRDF samples, and the same
  * for the sun. A cell gets the largest count that any packet needs, at most ceil(N q) for the largest share q that it
@@ -103,8 +107,8 @@ const struct light_samples *direct_samples(const struct direct *d);
 /* ---- Recorded samples ---- */
 
 /* A log of one shading point's samples, which the kernel records while it shades (direct_desc.log). The values are
- * those of the actual run, so their sum equals the point's radiance exactly. Thread: that of direct_shade. The log owns
- * its arrays. */
+ * those of the actual run: their sum by N_s, plus what is known of an open sky, is the point's radiance. Thread: that
+ * of direct_shade. The log owns its arrays. */
 
 struct direct_log_sample { /* one sample */
     float w[3];            /* direction, unit; for BRDF samples only if chosen */
@@ -128,6 +132,7 @@ struct direct_log {
     double energy[STRATA_MAX];       /* I_f */
     struct direct_log_sample *light; /* [light_count], in the order of the sky's tables, for all points together */
     struct direct_log_sample *lobes; /* [lobe_count] */
+    float known[3];                  /* what the correction by an open sky adds (open_sky.h); 0: there is none */
     uint32_t light_count, lobe_count, light_room, lobe_room;
 };
 

@@ -3,6 +3,7 @@
 #include "base/vec.h"
 #include "light/estimators/direct.h"
 #include "light/estimators/kernels.h"
+#include "light/estimators/open_sky.h"
 #include "light/estimators/sky_lanes.h"
 #include "scene/geometry/lane_rays.h"
 #include "scene/surface/lanes.h"
@@ -20,8 +21,10 @@ struct packet_state {
     const struct light_samples *lights; /* the packet's set */
     struct ray16 rays;
     struct lobes lobes;
-    uint32_t samples, lobe_count;       /* of this packet */
+    uint32_t samples, lobe_count;       /* of this packet, or its scouts */
+    bool scouts;                        /* these are drawn */
     struct lanes sum[3];                /* sum of the estimator's terms, before 1 / N_s */
+    struct open_sky *open;              /* NULL: samples are not corrected */
     struct lanes share[STRATA_MAX + 1]; /* mu_f(n); the element after the strata is 0 */
     bool seen[STRATA_MAX];              /* whether any lane sees the stratum; else all of `share` is 0 */
     uint32_t sun;              /* index of the sun in `share`; without a sun, of the element after the strata */
@@ -163,7 +166,7 @@ static void join_shares(struct packet_state *s)
 static void count_samples(struct packet_state *s, uint32_t index, float *count)
 {
     const struct direct_frame *f = s->frame;
-    const double u = rng_unit(rng_mix(rng_mix(f->seed, index), PACKET));
+    const double u = rng_unit(rng_mix(rng_mix(f->seed, index), PACKET + s->scouts));
     const double samples = (double)f->light_part * s->samples;
     double sum = u, before = floor(sum);
 
@@ -238,7 +241,17 @@ static inline uint64_t trace_and_add(struct packet_state *s, enum ray_spread spr
         s->sum[1].v[l] += lit ? rgb[1].v[l] : 0.0f;
         s->sum[2].v[l] += lit ? rgb[2].v[l] : 0.0f;
     }
+    if (s->open)
+        LANES(l) s->open->seen.v[l] += (valid[l] != 0) & (s->rays.tfar[l] > 0.0f) ? s->open->taken.v[l] : 0.0f;
     return (uint64_t)count;
+}
+
+/* A sample's light, 0 where it is below the geometric surface. */
+static inline void weigh(const struct lanes *weight, const struct lanes *above, const struct lanes brdf[3],
+                         const struct lanes sky[3], struct lanes rgb[3])
+{
+    for (int c = 0; c < 3; c++)
+        LANES(l) rgb[c].v[l] = above->v[l] * weight->v[l] * brdf[c].v[l] * sky[c].v[l];
 }
 
 /* Starts the rays of the i-th sample of a kind elsewhere in the pixel, so that edges of shadows are antialiased. */
@@ -263,32 +276,33 @@ static void add_light_sample(struct packet_state *s, uint32_t i, uint32_t k, con
 {
     const struct light_samples *lights = s->lights;
     const struct lanes *share = &s->share[lights->stratum[k]], *sun_share = &s->share[s->sun];
-    const float x = lights->x[k], y = lights->y[k], z = lights->z[k];
-    const float r = lights->r[k], g = lights->g[k], b = lights->b[k], before = (float)i;
+    const float before = (float)i, brdf_part = s->frame->brdf_part;
     const float pdf_light = s->frame->light_part * lights->pdf[k], pdf_sun = s->frame->light_part * lights->sun_pdf[k];
-    const float brdf_part = s->frame->brdf_part;
-    struct lanes d[3], cosine, brdf[3], pdf_lobes, rgb[3];
+    const float w[3] = { lights->x[k], lights->y[k], lights->z[k] },
+                of_sky[3] = { lights->r[k], lights->g[k], lights->b[k] };
+    struct lanes d[3], sky[3], sun, cosine, above, brdf[3], pdf_lobes, weight, rgb[3];
 
-    LANES(l)
-    {
-        d[0].v[l] = x;
-        d[1].v[l] = y;
-        d[2].v[l] = z;
-    }
+    for (int c = 0; c < 3; c++)
+        LANES(l)
+        {
+            d[c].v[l] = w[c];
+            sky[c].v[l] = of_sky[c];
+        }
     if (s->log)
         note_begin(s, &s->log->light[k], d, beta_of(n_f->v[s->log->lane], before));
-    if (!lobes_see(s->points, d, &cosine))
+    if (!lobes_face(s->points, d, &cosine, &above))
         return;
     lobes_evaluate(&s->lobes, s->points, d, &cosine, brdf, &pdf_lobes);
     LANES(l)
     {
         const float beta = beta_of(n_f->v[l], before);
         const float density = share->v[l] * pdf_light + sun_share->v[l] * pdf_sun + brdf_part * pdf_lobes.v[l];
-        const float weight = density > 0.0f ? beta / density : 0.0f;
-        rgb[0].v[l] = weight * brdf[0].v[l] * r;
-        rgb[1].v[l] = weight * brdf[1].v[l] * g;
-        rgb[2].v[l] = weight * brdf[2].v[l] * b;
+        weight.v[l] = density > 0.0f ? beta / density : 0.0f;
+        sun.v[l] = pdf_sun;
     }
+    weigh(&weight, &above, brdf, sky, rgb);
+    if (s->open)
+        open_sky_add(s->open, s->points, &weight, &cosine, sky, &sun);
     if (s->log) {
         const uint32_t l = s->log->lane;
         const float drawn = share->v[l] * pdf_light + sun_share->v[l] * pdf_sun;
@@ -318,7 +332,7 @@ static void add_light_samples(struct packet_state *s, uint32_t index)
         int32_t up[PACKET], most = 0, chosen = 0; /* at most 2^20, and 16 times that */
         if (s->log)
             note_stratum(s, f, systematic ? count[f] : s->share[f].v[s->log->lane] * part * samples);
-        if (lights->first[f + 1] == lights->first[f] || !s->seen[f])
+        if (lights->first[f + 1] == lights->first[f] || !s->seen[f] || (s->scouts && f == s->sun))
             continue;
         LANES(l) n_f.v[l] = s->share[f].v[l] * part * samples;
         if (systematic)
@@ -342,13 +356,13 @@ static void take_counts(struct packet_state *s, uint32_t index)
     const struct direct_frame *f = s->frame;
 
     s->samples = f->counts ? f->counts[index] : f->samples;
-    s->lobe_count = (uint32_t)ceilf(f->brdf_part * (float)s->samples);
+    s->scouts = false;
 }
 
 /* The strata's shares of the packet's light samples. */
 static void set_up_strata(struct packet_state *s, uint32_t index)
 {
-    s->lights = direct_lights(s->frame, index);
+    s->lights = direct_lights(s->frame, index, s->scouts);
     s->sun = s->lights->has_sun ? s->lights->strata - 1 : s->lights->strata;
     set_up_shares(s);
     if (s->frame->systematic)
@@ -364,10 +378,17 @@ static void direct_counts(const struct direct_frame *f, const struct shade_packe
     s.frame = f;
     s.points = p;
     take_counts(&s, index);
-    set_up_strata(&s, index);
-    count_samples(&s, index, real);
-    for (uint32_t k = 0; k < s.lights->strata; k++)
-        count[k] = (uint32_t)ceilf(real[k]);
+    const uint32_t scouts = direct_scouts(f, s.samples);
+    for (uint32_t k = 0; k < (scouts > 0 ? 2 : 1); k++) {
+        s.scouts = k > 0;
+        s.samples = k > 0 ? scouts : s.samples;
+        set_up_strata(&s, index);
+        count_samples(&s, index, real);
+        for (uint32_t c = 0; c < s.lights->strata; c++) {
+            const uint32_t n = (uint32_t)ceilf(real[c]);
+            count[c] = k > 0 && count[c] > n ? count[c] : n;
+        }
+    }
 }
 
 /* Draws BRDF sample i of each lane and looks up the sky. All points use the same numbers, each with its own random
@@ -375,7 +396,7 @@ static void direct_counts(const struct direct_frame *f, const struct shade_packe
 static void draw_lobe_rays(const struct packet_state *s, uint32_t i, struct lobe_rays *out)
 {
     const struct direct_frame *f = s->frame;
-    const uint32_t x = f->numbers[2 * i], y = f->numbers[2 * i + 1];
+    const uint32_t at = (s->scouts ? f->lobes : 0) + i, x = f->numbers[2 * at], y = f->numbers[2 * at + 1];
     struct lanes square[2];
 
     LANES(l) /* 24 bits: the maximum stays below 1 in float */
@@ -402,12 +423,12 @@ static void add_lobe_sample(struct packet_state *s, uint32_t i, float beta, cons
 {
     const struct direct_frame *f = s->frame;
     const float light_part = f->light_part, brdf_part = f->brdf_part;
-    struct lanes cosine, brdf[3], pdf_lobes, pdf_light = { { 0 } }, rgb[3];
+    struct lanes cosine, above, brdf[3], pdf_lobes, pdf_light = { { 0 } }, weight, rgb[3];
     struct sky_lanes sky;
 
     if (s->log)
         note_begin(s, &s->log->lobes[i], r->d, beta);
-    if (!lobes_see(s->points, r->d, &cosine))
+    if (!lobes_face(s->points, r->d, &cosine, &above))
         return;
     sky_lookup(f->environment, f->table, &r->places, &sky);
     lobes_evaluate(&s->lobes, s->points, r->d, &cosine, brdf, &pdf_lobes);
@@ -416,10 +437,11 @@ static void add_lobe_sample(struct packet_state *s, uint32_t i, float beta, cons
     LANES(l)
     {
         const float density = light_part * pdf_light.v[l] + brdf_part * pdf_lobes.v[l];
-        const float weight = density > 0.0f ? beta / density : 0.0f;
-        for (int c = 0; c < 3; c++)
-            rgb[c].v[l] = weight * brdf[c].v[l] * sky.rgb[c].v[l];
+        weight.v[l] = density > 0.0f ? beta / density : 0.0f;
     }
+    weigh(&weight, &above, brdf, sky.rgb, rgb);
+    if (s->open)
+        open_sky_add(s->open, s->points, &weight, &cosine, sky.rgb, &sky.pdf_sun);
     if (s->log) {
         const float drawn = brdf_part * pdf_lobes.v[s->log->lane];
         note_weight(s, drawn, light_part * pdf_light.v[s->log->lane] + drawn);
@@ -458,15 +480,68 @@ static void add_lobe_samples(struct packet_state *s, struct lobe_rays next[2])
     }
 }
 
+static void add_samples(struct packet_state *s, uint32_t index)
+{
+    const struct direct_frame *f = s->frame;
+    struct lobe_rays next[2];
+
+    s->lobe_count = (uint32_t)ceilf(f->brdf_part * (float)s->samples);
+    if (f->brdf_part > 0.0f) {
+        set_up_shift(s, index);
+        draw_lobe_rays(s, 0, &next[0]);
+    }
+    if (f->light_part > 0.0f) {
+        set_up_strata(s, index);
+        add_light_samples(s, index);
+    }
+    if (f->brdf_part > 0.0f)
+        add_lobe_samples(s, next);
+}
+
+static void divide(const struct packet_state *s, float *lo)
+{
+    for (int c = 0; c < 3; c++)
+        LANES(l) lo[c * PACKET + l] = s->sum[c].v[l] / (float)s->samples;
+}
+
+__attribute__((cold, noinline)) static void note_correction(struct direct_log *log, const float *before,
+                                                            const float *lo)
+{
+    for (uint32_t c = 0; c < 3; c++)
+        log->known[c] = lo[c * PACKET + log->lane] - before[c * PACKET + log->lane];
+}
+
+/* Scouts only find out how much of the sky is visible; their light is not added. */
+static void add_corrected(struct packet_state *s, uint32_t index, float *lo)
+{
+    struct open_sky samples = { 0 }, seen = { 0 };
+    struct direct_log *log = s->log;
+    float before[3 * PACKET];
+
+    s->open = &samples;
+    add_samples(s, index);
+    divide(s, lo);
+    open_sky_divide(&samples, (float)s->samples);
+    s->open = &seen;
+    s->log = NULL;
+    s->scouts = true;
+    s->samples = direct_scouts(s->frame, s->samples);
+    add_samples(s, index);
+    memcpy(before, lo, sizeof(before));
+    open_sky_correct(s->frame->known, s->points, &s->lobes, &samples, &seen, lo);
+    if (log)
+        note_correction(log, before, lo);
+}
+
 static void direct_packet(const struct direct_frame *f, const struct shade_packet *p, uint32_t index, float *lo,
                           struct direct_counts *counts)
 {
     struct packet_state s;
-    struct lobe_rays next[2];
 
     s.frame = f;
     s.points = p;
     s.counts = counts;
+    s.open = NULL;
     s.log = f->log && f->log->packet == index ? f->log : NULL;
     take_counts(&s, index);
     for (int c = 0; c < 3; c++)
@@ -475,18 +550,12 @@ static void direct_packet(const struct direct_frame *f, const struct shade_packe
     lobes_rays(p, &s.rays);
     lanes_pixels(p, &s.pixels);
     LANES(l) s.place[l] = (uint32_t)rng_mix(rng_mix(f->seed, index), l);
-    if (f->brdf_part > 0.0f) {
-        set_up_shift(&s, index);
-        draw_lobe_rays(&s, 0, &next[0]);
+    if (direct_scouts(f, s.samples) > 0) {
+        add_corrected(&s, index, lo);
+    } else {
+        add_samples(&s, index);
+        divide(&s, lo);
     }
-    if (f->light_part > 0.0f) {
-        set_up_strata(&s, index);
-        add_light_samples(&s, index);
-    }
-    if (f->brdf_part > 0.0f)
-        add_lobe_samples(&s, next);
-    for (int c = 0; c < 3; c++)
-        LANES(l) lo[c * PACKET + l] = s.sum[c].v[l] / (float)s.samples;
 }
 
 extern const struct kernels KERNEL(kernels);

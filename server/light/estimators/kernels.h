@@ -10,6 +10,7 @@
 #include "scene/geometry/gbuffer.h"
 #include "scene/geometry/rays.h"
 #include "sky/tables/environment.h"
+#include "sky/tables/irradiance.h"
 #include "sky/tables/samples.h"
 #include "sky/tables/sky_table.h"
 
@@ -27,24 +28,37 @@ struct direct_log;
 struct direct_frame { /* common to all packets of a frame; borrowed */
     const struct environment *environment;
     const struct sky_table *table;      /* of the strata; NULL: the environment's own faces, or one stratum */
-    const struct light_samples *lights; /* [sets] */
-    bool scatter; /* packets choose one of LIGHT_SETS_MAX sets by their index; else all have the first */
-    const struct rays *rays;            /* NULL: no occlusion */
+    const struct light_samples *lights; /* [2][LIGHT_SETS_MAX]: of samples and of scouts */
+    bool scatter;            /* packets choose one of LIGHT_SETS_MAX sets by their index; else all have the first */
+    const struct rays *rays; /* NULL: no occlusion */
+    const struct irradiance
+        *known; /* of an open sky, to correct samples by (open_sky.h); NULL: they are not corrected */
     enum share share;
     bool systematic;             /* integer counts per packet; else N_f per point */
     uint32_t samples;            /* N_s */
     const uint32_t *counts;      /* [packet_count]: N_s per packet, at most `samples`; NULL: `samples` for all */
     float light_part, brdf_part; /* shares of N_s */
-    const uint32_t
-        *numbers;  /* [ceil(brdf_part N_s)][2]: points of the unit square in units of 2^-32, for BRDF samples */
-    uint64_t seed; /* shifts the numbers per packet, with its index */
-    struct direct_log *log; /* records the samples of one packet (direct.h); may be NULL */
+    uint32_t lobes;              /* ceil(brdf_part N_s) */
+    const uint32_t *numbers;     /* [2][lobes][2]: of BRDF samples and of such scouts, of the unit square, in 2^-32 */
+    uint64_t seed;               /* shifts the numbers per packet, with its index */
+    struct direct_log *log;      /* records the samples of one packet (direct.h); may be NULL */
 };
 
-/* The set of light samples of a packet. */
-static inline const struct light_samples *direct_lights(const struct direct_frame *f, uint32_t index)
+/* How many scouts accompany N_s samples where the light of an open sky is known (open_sky.h). Fewer samples than
+ * DIRECT_CORRECTED have none and are not corrected, since a correction could exceed the light of a point. */
+#define DIRECT_CORRECTED 8u
+#define DIRECT_SCOUTS 16u /* samples for each of them */
+static inline uint32_t direct_scouts(const struct direct_frame *f, uint32_t samples)
 {
-    return &f->lights[f->scatter ? packet_set(index) : 0];
+    const uint32_t some = samples < 2 * DIRECT_SCOUTS ? 2 : samples / DIRECT_SCOUTS;
+
+    return f->known && samples >= DIRECT_CORRECTED ? some : 0;
+}
+
+/* The set of light samples of a packet, or of its scouts. */
+static inline const struct light_samples *direct_lights(const struct direct_frame *f, uint32_t index, bool scouts)
+{
+    return &f->lights[(scouts ? LIGHT_SETS_MAX : 0) + (f->scatter ? packet_set(index) : 0)];
 }
 
 struct kernels {

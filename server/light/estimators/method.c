@@ -34,7 +34,7 @@ static const struct method_recipe recipes[METHOD_COUNT] = {
     [METHOD_LATLONG] = { STRATA_LATLONG, SHARE_WHOLE, 1.0f, 0.0f, false },
     [METHOD_LATLONG_ROWS] = { STRATA_ROWS, SHARE_WHOLE, 1.0f, 0.0f, false },
     [METHOD_CACHED] = { STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f, false },
-    [METHOD_AUTO] = { STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f, true },
+    [METHOD_AUTO] = { STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f, true, true },
 };
 
 const struct method_recipe *method_recipe(enum method m)

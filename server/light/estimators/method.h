@@ -39,6 +39,7 @@ struct method_recipe {
     float light_part; /* share of light samples in N_s; 0: none */
     float brdf_part;  /* share of BRDF samples in N_s; the two sum to 1 */
     bool sun_apart;   /* the sun, if there is one, is a separate stratum, and the tables are compensated */
+    bool known;       /* the light of an open sky, which is known, corrects the samples of matte surfaces */
 };
 
 /* The recipe of a method. Static; never NULL. */

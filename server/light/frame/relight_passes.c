@@ -143,7 +143,7 @@ static enum err run_glide(struct frame_run *f, struct pass *s)
     return ERR_OK;
 }
 
-/* Unshadowed direct light on the ground, with the samples of `by`, removes most of its noise. */
+/* Unshadowed direct light on the ground, with the samples of `by`, removes most of its noise, if that is not done. */
 static enum err steady_ground(struct frame_run *f, const struct direct_desc *by, float *lit)
 {
     struct passes *p = &f->r->passes;
@@ -152,7 +152,7 @@ static enum err steady_ground(struct frame_run *f, const struct direct_desc *by,
     double seconds;
 
     bare.only = backplate_packets(p->backplate);
-    if (bare.only->count == 0 || backplate_is_held(p->backplate))
+    if (bare.only->count == 0 || backplate_is_held(p->backplate) || direct_is_corrected(by))
         return ERR_OK;
     float *lo = backplate_unshadowed(p->backplate);
     if (!lo)

@@ -351,6 +351,7 @@ static json_t *report_json(struct inspector *p, const struct environment *e, con
     json_object_set_new(j, "shares", shares_json(&a->log));
     json_object_set_new(j, "light", samples_json(a->log.light, a->log.light_count, a->samples));
     json_object_set_new(j, "lobes", samples_json(a->log.lobes, a->log.lobe_count, a->samples));
+    json_object_set_new(j, "correction", triple(a->log.known));
     return j;
 }
 

@@ -2,7 +2,7 @@
 
 #include "base/mem.h"
 #include "scene/geometry/ground.h"
-#include "sky/tables/environment.h"
+#include "sky/tables/irradiance.h"
 #include "sky/tables/lookup_place.h"
 
 #include <math.h>

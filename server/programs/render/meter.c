@@ -7,7 +7,7 @@
 
 #include "base/luminance.h"
 #include "base/mem.h"
-#include "sky/tables/environment.h"
+#include "sky/tables/irradiance.h"
 
 #include <math.h>
 #include <string.h>

@@ -163,6 +163,23 @@ static inline bool lobes_see(const struct shade_packet *p, const struct lanes d[
     return some != 0;
 }
 
+/* The same apart: the cosine with the shading normal alone, and whether d is above the geometric surface, 1 or 0. */
+static inline bool lobes_face(const struct shade_packet *p, const struct lanes d[3], struct lanes *cosine,
+                              struct lanes *above)
+{
+    int32_t some = 0;
+
+    LANES(l)
+    {
+        const float shading = p->ns_x[l] * d[0].v[l] + p->ns_y[l] * d[1].v[l] + p->ns_z[l] * d[2].v[l];
+        const float geometric = p->ng_x[l] * d[0].v[l] + p->ng_y[l] * d[1].v[l] + p->ng_z[l] * d[2].v[l];
+        cosine->v[l] = shading > 0.0f ? shading : 0.0f;
+        above->v[l] = geometric > 0.0f ? 1.0f : 0.0f;
+        some |= shading > 0.0f;
+    }
+    return some != 0;
+}
+
 /* For each lane's direction d and its cosine: BRDF times cosine to brdf, sampling density to pdf. If the cosine is 0
  * the BRDF is 0, but the density may not be. */
 static inline void lobes_evaluate(const struct lobes *s, const struct shade_packet *p, const struct lanes d[3],

@@ -89,7 +89,7 @@ static struct inspect_result *ask(const struct stand *s, const struct inspect_de
     return &a;
 }
 
-/* The sum over the notes as the kernel adds them: light samples, then lobes. */
+/* The sum over the notes as the kernel adds them: light samples, then lobes, then the correction. */
 static void add_up(const struct direct_log *log, float sum[3])
 {
     sum[0] = sum[1] = sum[2] = 0.0f;
@@ -98,7 +98,7 @@ static void add_up(const struct direct_log *log, float sum[3])
             sum[c] += log->light[k].visible ? log->light[k].rgb[c] : 0.0f;
         for (uint32_t k = 0; k < log->lobe_count; k++)
             sum[c] += log->lobes[k].visible ? log->lobes[k].rgb[c] : 0.0f;
-        sum[c] /= (float)log->samples;
+        sum[c] = sum[c] / (float)log->samples + log->known[c];
     }
 }
 
@@ -129,7 +129,11 @@ static void samples_add_up_to_the_image(void **state)
                 point[c] = s.lo[((size_t)(a->point / PACKET) * 3 + (size_t)c) * PACKET + a->point % PACKET];
             add_up(&a->log, sum);
             assert_memory_equal(a->lo, point, sizeof(point));
-            assert_memory_equal(sum, point, sizeof(point));
+            if (ways[w].method == METHOD_AUTO) /* which has a correction */
+                for (int c = 0; c < 3; c++)
+                    assert_true(fabsf(sum[c] - point[c]) <= 1e-5f * point[c] + 1e-7f);
+            else
+                assert_memory_equal(sum, point, sizeof(point));
             lit += point[0] > 0.0f;
         }
         assert_true(lit > 20);
@@ -322,8 +326,8 @@ static void open_is_one_where_nothing_stands(void **state)
     assert_true(a->open == 1.0 && a->open_cosine == 1.0);
     assert_int_equal(a->map[0][0], INSPECT_OPEN);
     assert_int_equal(a->map[INSPECT_MAP_HEIGHT - 1][0], INSPECT_BEHIND);
-    for (int c = 0; c < 3; c++) /* albedo times the sky's radiance */
-        assert_true(fabs(a->lo_reference.mean[c] - 1.0) < 5.0 * a->lo_reference.error[c] + 1e-5);
+    for (int c = 0; c < 3; c++) /* albedo times the sky's radiance, known to 0.1 % */
+        assert_true(fabs(a->lo_reference.mean[c] - 1.0) < 5.0 * a->lo_reference.error[c] + 1e-3);
     stand_finish(&s);
 }
 

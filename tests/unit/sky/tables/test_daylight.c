@@ -5,7 +5,7 @@
 #include "sky/daylight/weather.h"
 #include "sky/daylight/sky.h"
 #include "sky/source/source.h"
-#include "sky/tables/environment.h"
+#include "sky/tables/irradiance.h"
 #include "support/unit.h"
 
 #include <math.h>

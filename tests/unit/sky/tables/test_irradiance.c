@@ -1,6 +1,7 @@
-/* The irradiance of an open horizontal plane: closed forms against quadrature and against skies whose irradiance is
- * known. */
-#include "sky/tables/environment.h"
+/* The irradiance of open planes: closed forms against quadrature and against skies whose irradiance is known; of any
+ * normal, against closed forms and the horizontal plane's. */
+#include "sky/tables/irradiance.h"
+#include "base/rng.h"
 #include "support/skies.h"
 
 #include "sky/tables/cube.h"
@@ -68,7 +69,89 @@ static void each_texel_counts_on_its_face(void **state)
     environment_destroy(e);
 }
 
+/* Under an even sky of 1 the integrals of c and c (1 - (1 - c)^5) over the hemisphere are pi and 20/21 pi. */
+static void an_even_sky_lights_all_normals_alike(void **state)
+{
+    static struct irradiance r;
+    struct environment *e = sky_environment(sky_constant(64, 32, 1.0f), 64, 0.0);
+    const double want[IRRADIANCE_KINDS] = { PI, PI * 20.0 / 21.0 };
+    double worst[IRRADIANCE_KINDS] = { 0.0 }, mean[IRRADIANCE_KINDS] = { 0.0 };
+    struct rng rng = { 5 };
+    (void)state;
+
+    assert_int_equal(irradiance_build(&r, e, NULL), ERR_OK);
+    for (int i = 0; i < 4000; i++) {
+        const double y = 2.0 * rng_next(&rng) - 1.0, phi = 2.0 * PI * rng_next(&rng), s = sqrt(1.0 - y * y);
+        const float n[3] = { (float)(s * sin(phi)), (float)y, (float)(s * cos(phi)) };
+        for (int k = 0; k < IRRADIANCE_KINDS; k++) {
+            float rgb[3];
+            irradiance_at(&r, (enum irradiance_kind)k, n, rgb);
+            worst[k] = fmax(worst[k], fabs((double)rgb[1] / want[k] - 1.0));
+            mean[k] += ((double)rgb[1] / want[k] - 1.0) / 4000.0;
+        }
+    }
+    printf("worst %.2g, %.2g; mean %.2g, %.2g\n", worst[0], worst[1], mean[0], mean[1]);
+    assert_true(worst[0] < 1e-3 && worst[1] < 2e-3);
+    assert_true(fabs(mean[0]) < 2e-4 && fabs(mean[1]) < 1e-3);
+    environment_destroy(e);
+}
+
+/* A soft sun anywhere, turned above the plane that faces upward; and one small light, of which a normal takes its
+ * cosine. */
+static void any_normal_takes_a_skys_light_by_its_cosine(void **state)
+{
+    static struct irradiance r;
+    static double weights[2 * 64 * 64];
+    double worst = 0.0, alone = 0.0;
+    (void)state;
+
+    irradiance_weights(64, weights);
+    for (uint32_t k = 0; k < 64; k++) {
+        struct frame f = sky_constant(64, 32, 0.2f);
+        for (uint32_t x = 0; x < 8; x++)
+            for (uint32_t y = 0; y < 6; y++)
+                sky_paint(&f, (11 * k + x) % 64, (5 * k) % 20 + y, 20.0f, 10.0f, 5.0f);
+        struct environment *e = sky_environment(f, 64, 0.0);
+        double up[3];
+        float rgb[3];
+        irradiance_upward(e, weights, up);
+        assert_int_equal(irradiance_build(&r, e, NULL), ERR_OK);
+        irradiance_at(&r, IRRADIANCE_COSINE, (float[]){ 0.0f, 1.0f, 0.0f }, rgb);
+        for (int c = 0; c < 3; c++)
+            worst = fmax(worst, fabs((double)rgb[c] / up[c] - 1.0));
+        environment_destroy(e);
+    }
+    struct frame f = sky_constant(64, 32, 0.0f);
+    sky_paint(&f, 21, 9, 1000.0f, 1000.0f, 1000.0f);
+    struct environment *e = sky_environment(f, 64, 0.0);
+    double flux = 0.0, place[3] = { 0.0 };
+    for (uint32_t k = 0; k < CUBE_FACES * 64 * 64; k++) {
+        double d[3];
+        const double g = (double)e->texels[k].g * e->solid_angle[k % (64 * 64)];
+        cube_direction(k / (64 * 64), -1.0 + (k % 64 + 0.5) / 32.0, -1.0 + (k / 64 % 64 + 0.5) / 32.0, d);
+        const double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        flux += g;
+        for (int c = 0; c < 3; c++)
+            place[c] += g * d[c] / length;
+    }
+    assert_int_equal(irradiance_build(&r, e, NULL), ERR_OK);
+    struct rng rng = { 6 };
+    for (int i = 0; i < 4000; i++) {
+        const double y = 2.0 * rng_next(&rng) - 1.0, phi = 2.0 * PI * rng_next(&rng), s = sqrt(1.0 - y * y);
+        const double n[3] = { s * sin(phi), y, s * cos(phi) };
+        const double want = fmax(0.0, n[0] * place[0] + n[1] * place[1] + n[2] * place[2]) / flux;
+        float rgb[3];
+        irradiance_at(&r, IRRADIANCE_COSINE, (float[]){ (float)n[0], (float)n[1], (float)n[2] }, rgb);
+        alone = fmax(alone, fabs((double)rgb[1] / flux - want));
+    }
+    printf("a soft sun: worst %.2g; one light: worst %.2g of its own\n", worst, alone);
+    assert_true(worst < 2e-3 && alone < 0.03);
+    environment_destroy(e);
+}
+
 static const struct CMUnitTest tests[] = {
+    cmocka_unit_test(an_even_sky_lights_all_normals_alike),
+    cmocka_unit_test(any_normal_takes_a_skys_light_by_its_cosine),
     cmocka_unit_test(weights_are_integrals_of_the_cosine),
     cmocka_unit_test(each_texel_counts_on_its_face),
 };
