@@ -242,7 +242,11 @@ static inline uint64_t trace_and_add(struct packet_state *s, enum ray_spread spr
         s->sum[2].v[l] += lit ? rgb[2].v[l] : 0.0f;
     }
     if (s->open)
-        LANES(l) s->open->seen.v[l] += (valid[l] != 0) & (s->rays.tfar[l] > 0.0f) ? s->open->taken.v[l] : 0.0f;
+        LANES(l)
+        {
+            const int lit = (valid[l] != 0) & (s->rays.tfar[l] > 0.0f);
+            s->open->seen.v[l] += lit ? s->open->taken.v[l] : 0.0f;
+        }
     return (uint64_t)count;
 }
 

@@ -151,6 +151,11 @@ static enum err run_sun(struct relighter *r, struct environment *e, const struct
     if (fresh)
         s->direct.method = METHOD_AUTO;
     s->direct.keep = !fresh;
+    if (!fresh && s->direct.method == METHOD_AUTO) { /* without its correction, which is the sky's */
+        s->direct.method = METHOD_MIS;
+        s->direct.sun = true;
+        s->direct.compensate = COMPENSATE_ON;
+    }
     environment_complete(e); /* by all its texels, before some are black */
     environment_complete_pyramid(e);
     relighter_hold_ground(r, true);
@@ -163,8 +168,8 @@ static enum err run_sun(struct relighter *r, struct environment *e, const struct
     return result;
 }
 
-static enum err split_direct(struct relighter *r, struct environment *e, const struct frame_plan *all,
-                             struct layers *l, struct relight_stats *stats)
+static enum err split_direct(struct relighter *r, struct environment *e, const struct frame_plan *all, struct layers *l,
+                             struct relight_stats *stats)
 {
     const struct prepared_scene *set = relighter_set(r);
     enum err result = ERR_OK;
