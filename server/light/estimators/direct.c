@@ -354,12 +354,11 @@ enum err direct_shade(struct direct *d, const struct gbuffer *g, const struct ra
     frame.table = s.table ? &d->table : NULL;
     frame.systematic = s.systematic;
     if (direct_is_corrected(desc)) {
-        result = desc->keep && d->knows ? ERR_OK : irradiance_build(&d->known, e, frame.table);
+        if (!desc->keep || !d->knows)
+            irradiance_build(&d->known, e, frame.table);
         frame.known = &d->known;
     }
     d->knows = frame.known;
-    if (result)
-        return result;
     result = draw_sets(d, g, e, recipe, &s, desc->only, &frame);
     if (!result)
         result = draw_numbers(d, frame.lobes, frame.known ? 2 : 1, rng_mix(seed, 1));

@@ -242,11 +242,7 @@ static inline uint64_t trace_and_add(struct packet_state *s, enum ray_spread spr
         s->sum[2].v[l] += lit ? rgb[2].v[l] : 0.0f;
     }
     if (s->open)
-        LANES(l)
-        {
-            const int lit = (valid[l] != 0) & (s->rays.tfar[l] > 0.0f);
-            s->open->seen.v[l] += lit ? s->open->taken.v[l] : 0.0f;
-        }
+        open_sky_see(s->open, valid, s->rays.tfar);
     return (uint64_t)count;
 }
 
@@ -518,21 +514,21 @@ __attribute__((cold, noinline)) static void note_correction(struct direct_log *l
 /* Scouts only find out how much of the sky is visible; their light is not added. */
 static void add_corrected(struct packet_state *s, uint32_t index, float *lo)
 {
-    struct open_sky samples = { 0 }, seen = { 0 };
+    struct open_sky open = { 0 }, seen = { 0 };
     struct direct_log *log = s->log;
+    const uint32_t samples = s->samples;
     float before[3 * PACKET];
 
-    s->open = &samples;
+    s->open = &open;
     add_samples(s, index);
     divide(s, lo);
-    open_sky_divide(&samples, (float)s->samples);
     s->open = &seen;
     s->log = NULL;
     s->scouts = true;
-    s->samples = direct_scouts(s->frame, s->samples);
+    s->samples = direct_scouts(s->frame, samples);
     add_samples(s, index);
     memcpy(before, lo, sizeof(before));
-    open_sky_correct(s->frame->known, s->points, &s->lobes, &samples, &seen, lo);
+    open_sky_correct(s->frame->known, s->points, &s->lobes, &open, samples, &seen, lo);
     if (log)
         note_correction(log, before, lo);
 }

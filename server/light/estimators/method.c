@@ -25,15 +25,15 @@ const struct setting_choice method_choices[] = {
 };
 
 static const struct method_recipe recipes[METHOD_COUNT] = {
-    [METHOD_UNIFORM] = { STRATA_SPHERE, SHARE_WHOLE, 1.0f, 0.0f, false },
-    [METHOD_BRDF] = { STRATA_FACES, SHARE_CORNERS, 0.0f, 1.0f, false },
-    [METHOD_LIGHT] = { STRATA_ALL, SHARE_WHOLE, 1.0f, 0.0f, false },
-    [METHOD_FACES_UNIFORM] = { STRATA_FACES, SHARE_EVEN, 1.0f, 0.0f, false },
-    [METHOD_FACES] = { STRATA_FACES, SHARE_CORNERS, 1.0f, 0.0f, false },
-    [METHOD_MIS] = { STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f, false },
-    [METHOD_LATLONG] = { STRATA_LATLONG, SHARE_WHOLE, 1.0f, 0.0f, false },
-    [METHOD_LATLONG_ROWS] = { STRATA_ROWS, SHARE_WHOLE, 1.0f, 0.0f, false },
-    [METHOD_CACHED] = { STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f, false },
+    [METHOD_UNIFORM] = { STRATA_SPHERE, SHARE_WHOLE, 1.0f, 0.0f, false, false },
+    [METHOD_BRDF] = { STRATA_FACES, SHARE_CORNERS, 0.0f, 1.0f, false, false },
+    [METHOD_LIGHT] = { STRATA_ALL, SHARE_WHOLE, 1.0f, 0.0f, false, false },
+    [METHOD_FACES_UNIFORM] = { STRATA_FACES, SHARE_EVEN, 1.0f, 0.0f, false, false },
+    [METHOD_FACES] = { STRATA_FACES, SHARE_CORNERS, 1.0f, 0.0f, false, false },
+    [METHOD_MIS] = { STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f, false, false },
+    [METHOD_LATLONG] = { STRATA_LATLONG, SHARE_WHOLE, 1.0f, 0.0f, false, false },
+    [METHOD_LATLONG_ROWS] = { STRATA_ROWS, SHARE_WHOLE, 1.0f, 0.0f, false, false },
+    [METHOD_CACHED] = { STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f, false, false },
     [METHOD_AUTO] = { STRATA_FACES, SHARE_CORNERS, 0.5f, 0.5f, true, true },
 };
 

@@ -1,8 +1,6 @@
 #include "sky/tables/irradiance.h"
 
-#include "base/mem.h"
 #include "sky/tables/cube.h"
-#include "sky/tables/sky_split.h"
 
 #include <math.h>
 #include <string.h>
@@ -52,19 +50,12 @@ void irradiance_upward(const struct environment *e, const double *weights, doubl
     }
 }
 
-/* The sky's light by cells: its flux by colour, the mean of its directions, which is a little shorter than 1, and how
- * far it spreads about that. */
-struct cells {
-    float x[SKY_CELLS], y[SKY_CELLS], z[SKY_CELLS], spread[SKY_CELLS], rgb[3][SKY_CELLS];
-    double weight[SKY_CELLS];
-};
-
 static float brightness(const struct texel *t)
 {
     return rgb_luminance(t->r, t->g, t->b);
 }
 
-static void add_texel(struct cells *c, uint32_t cell, const struct texel *t, const float w[3], float angle)
+static void add_texel(struct irradiance_cells *c, uint32_t cell, const struct texel *t, const float w[3], float angle)
 {
     const float weight = brightness(t) * angle, mean = weight * (1.0f - angle / 12.0f); /* of a square's directions */
 
@@ -78,7 +69,8 @@ static void add_texel(struct cells *c, uint32_t cell, const struct texel *t, con
     c->rgb[2][cell] += t->b * angle;
 }
 
-static void fill_row(struct cells *c, const struct environment *e, const struct sky_table *t, uint32_t face, uint32_t i)
+static void fill_row(struct irradiance_cells *c, const struct environment *e, const struct sky_table *t, uint32_t face,
+                     uint32_t i)
 {
     const uint32_t n = e->n;
 
@@ -94,7 +86,7 @@ static void fill_row(struct cells *c, const struct environment *e, const struct 
     }
 }
 
-static void fill_cells(struct cells *c, const struct environment *e, const struct sky_table *t)
+static void fill_cells(struct irradiance_cells *c, const struct environment *e, const struct sky_table *t)
 {
 #pragma omp parallel for /* the rows of a face whose cells are apart */
     for (uint32_t part = 0; part < CUBE_FACES * SKY_EDGE; part++)
@@ -111,7 +103,7 @@ static void fill_cells(struct cells *c, const struct environment *e, const struc
 }
 
 /* The mean of max(0, c) where c spreads evenly about its mean. */
-static void gather(const struct cells *restrict cells, const float n[3], float out[IRRADIANCE_KINDS][3])
+static void gather(const struct irradiance_cells *restrict cells, const float n[3], float out[IRRADIANCE_KINDS][3])
 {
     float r = 0.0f, g = 0.0f, b = 0.0f, enter_r = 0.0f, enter_g = 0.0f, enter_b = 0.0f;
 
@@ -132,13 +124,12 @@ static void gather(const struct cells *restrict cells, const float n[3], float o
     memcpy(out, sums, sizeof(sums));
 }
 
-enum err irradiance_build(struct irradiance *out, const struct environment *e, const struct sky_table *t)
+void irradiance_build(struct irradiance *out, const struct environment *e, const struct sky_table *t)
 {
     const uint32_t side = IRRADIANCE_EDGE + 1;
-    struct cells *cells = mem_alloc(1, sizeof(*cells));
+    struct irradiance_cells *cells = &out->cells;
 
-    if (!cells)
-        return ERR_NOMEM;
+    memset(cells, 0, sizeof(*cells));
     fill_cells(cells, e, t);
 #pragma omp parallel for schedule(static)
     for (uint32_t k = 0; k < CUBE_FACES * side * side; k++) {
@@ -151,8 +142,6 @@ enum err irradiance_build(struct irradiance *out, const struct environment *e, c
         for (int kind = 0; kind < IRRADIANCE_KINDS; kind++)
             memcpy(out->rgb[kind][face][i][j], sums[kind], sizeof(sums[kind]));
     }
-    mem_free(cells);
-    return ERR_OK;
 }
 
 void irradiance_at(const struct irradiance *r, enum irradiance_kind kind, const float normal[3], float rgb[3])

@@ -2,8 +2,8 @@
  * the part of direct light that is known without a ray. */
 #pragma once
 
-#include "base/err.h"
 #include "sky/tables/environment.h"
+#include "sky/tables/sky_split.h"
 #include "sky/tables/sky_table.h"
 
 /* The irradiance of an unoccluded horizontal plane that faces +Y, by the sampled function: six faces of piecewise
@@ -34,10 +34,16 @@ enum irradiance_kind { IRRADIANCE_COSINE, IRRADIANCE_ENTERING, IRRADIANCE_KINDS 
  * does not change the result; then any may read. */
 struct irradiance {
     float rgb[IRRADIANCE_KINDS][CUBE_FACES][IRRADIANCE_EDGE + 1][IRRADIANCE_EDGE + 1][3];
+    struct irradiance_cells {                           /* the sky's light by cells, of which the above is made */
+        float x[SKY_CELLS], y[SKY_CELLS], z[SKY_CELLS]; /* mean direction, a little shorter than 1 */
+        float spread[SKY_CELLS];                        /* about it */
+        float rgb[3][SKY_CELLS];                        /* flux */
+        double weight[SKY_CELLS];
+    } cells;
 };
 
-/* t: NULL, or a table of e, whose sun is left out. ERR_NOMEM. */
-MUST_CHECK enum err irradiance_build(struct irradiance *out, const struct environment *e, const struct sky_table *t);
+/* t: NULL, or a table of e, whose sun is left out. */
+void irradiance_build(struct irradiance *out, const struct environment *e, const struct sky_table *t);
 
 /* E of a unit normal. */
 void irradiance_at(const struct irradiance *r, enum irradiance_kind kind, const float normal[3], float rgb[3]);

@@ -79,7 +79,7 @@ static void an_even_sky_lights_all_normals_alike(void **state)
     struct rng rng = { 5 };
     (void)state;
 
-    assert_int_equal(irradiance_build(&r, e, NULL), ERR_OK);
+    irradiance_build(&r, e, NULL);
     for (int i = 0; i < 4000; i++) {
         const double y = 2.0 * rng_next(&rng) - 1.0, phi = 2.0 * PI * rng_next(&rng), s = sqrt(1.0 - y * y);
         const float n[3] = { (float)(s * sin(phi)), (float)y, (float)(s * cos(phi)) };
@@ -115,7 +115,7 @@ static void any_normal_takes_a_skys_light_by_its_cosine(void **state)
         double up[3];
         float rgb[3];
         irradiance_upward(e, weights, up);
-        assert_int_equal(irradiance_build(&r, e, NULL), ERR_OK);
+        irradiance_build(&r, e, NULL);
         irradiance_at(&r, IRRADIANCE_COSINE, (float[]){ 0.0f, 1.0f, 0.0f }, rgb);
         for (int c = 0; c < 3; c++)
             worst = fmax(worst, fabs((double)rgb[c] / up[c] - 1.0));
@@ -134,7 +134,7 @@ static void any_normal_takes_a_skys_light_by_its_cosine(void **state)
         for (int c = 0; c < 3; c++)
             place[c] += g * d[c] / length;
     }
-    assert_int_equal(irradiance_build(&r, e, NULL), ERR_OK);
+    irradiance_build(&r, e, NULL);
     struct rng rng = { 6 };
     for (int i = 0; i < 4000; i++) {
         const double y = 2.0 * rng_next(&rng) - 1.0, phi = 2.0 * PI * rng_next(&rng), s = sqrt(1.0 - y * y);
