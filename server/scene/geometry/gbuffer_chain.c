@@ -11,6 +11,10 @@
 /* Camera rays are traced until less than this share is left [docs/REFERENCES.md has no source: our choice]. */
 #define CUT 1e-3f
 #define RAYS_MAX 256u
+/* Beyond so many rays, after every RAYS_STEP of them, branches stand for others of twice the weight, up to HEAVY. */
+#define RAYS_PLENTY 32u
+#define RAYS_STEP 4u
+#define HEAVY 0.1f
 
 /* Branches lighter than this share of LEAF_LEAST stand for each other, like leaves (leaves_thin), so that glass before
  * glass needs fewer rays. */
@@ -36,6 +40,9 @@ struct chain {
     double cut;
     float glow[3];
     float faint, sum; /* weight below which branches stand for each other; of those since the last that was kept */
+    bool heavy; /* `faint` has grown: which branch stands for others is drawn for each, since the sum's would be biased
+                   where what is kept decides what comes next */
+    struct rng rng;
 };
 
 static float mean3(const float w[3])
@@ -183,7 +190,7 @@ static bool stands(struct chain *c, struct branch *b)
     if (weight >= c->faint || weight <= 0.0f)
         return true;
     c->sum += weight;
-    if (c->sum < c->faint)
+    if (c->heavy ? rng_next(&c->rng) * (double)c->faint >= (double)weight : c->sum < c->faint)
         return false;
     c->sum -= c->faint;
     for (int k = 0; k < 3; k++)
@@ -250,12 +257,18 @@ static bool meet(struct chain *c, struct branch *b, const struct hit *h)
 }
 
 /* A number in [0, 1) that depends on all bits of a direction. */
-static float start_of(struct vec3 dir)
+static double start_of(struct vec3 dir)
 {
     uint32_t bits[3];
 
     memcpy(bits, &dir, sizeof(bits));
-    return (float)rng_unit(rng_mix(rng_mix((uint64_t)bits[0] << 32 | bits[1], bits[2]), 0x666e74u));
+    return rng_unit(rng_mix(rng_mix((uint64_t)bits[0] << 32 | bits[1], bits[2]), 0x666e74u));
+}
+
+static void grow_faint(struct chain *c)
+{
+    c->faint *= 2.0f;
+    c->heavy = true;
 }
 
 uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir, float angle, bool glance,
@@ -270,7 +283,10 @@ uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir,
     c.leaf_count = c.pending_count = 0;
     c.cut = 0.0;
     c.faint = (float)(FAINT * LEAF_LEAST) * fminf(s->pixel_angle * s->pixel_angle / (angle * angle), RAYS_IN_PIXEL);
-    c.sum = c.faint * start_of(dir);
+    const double start = start_of(dir);
+    c.sum = c.faint * (float)start;
+    c.heavy = false;
+    c.rng = (struct rng){ rng_mix((uint64_t)(start * 0x1p53), 0x686561u) };
     c.glow[0] = c.glow[1] = c.glow[2] = 0.0f;
     found->uneven = false;
     struct branch camera = { .origin = origin, .dir = dir, .weight = { 1.0f, 1.0f, 1.0f }, .ior = 1.0f };
@@ -279,7 +295,8 @@ uint32_t sight_trace(const struct sight *s, struct vec3 origin, struct vec3 dir,
     while (c.pending_count > 0 && rays < RAYS_MAX && (rays == 0 || pending_weight(&c) >= (double)CUT)) {
         struct branch b = pop_heaviest(&c);
         struct hit h;
-        rays++;
+        if (++rays > RAYS_PLENTY && rays % RAYS_STEP == 0 && c.faint < HEAVY)
+            grow_faint(&c);
         const float width = s->holes ? cone_width(&b.cone) : 0.0f;
         const bool met = rays_see(s->rays, b.origin, b.dir, b.behind, width, &h, &varies);
         if (!met)

@@ -110,6 +110,34 @@ static void slab_of_glass_reflects_and_passes_what_fresnel_says(void **state)
     scene_destroy(s);
 }
 
+/* All orders of 2 N sides pass (1 - F) / (1 + (2 N - 1) F): 0.545 of ten panes, whose 400 and more branches stand for
+ * each other once there are many. In the mean nothing is lost: each part is right to 0.015 over 16 pixels of 16 rays.
+ * Where each ray had 256 branches, 0.127 was cut; where a running sum chose those that stand for others, 0.07 of what
+ * passes was reflected. */
+static void ten_panes_lose_no_light(void **state)
+{
+    struct scene *s = scene_create();
+    struct rays *r;
+    double sent[2] = { 0.0 };
+
+    (void)state;
+    const uint32_t glass = add_material(s, MATERIAL_GLASS, vec3_make(1, 1, 1), 1.5f);
+    for (int k = 0; k < 10; k++)
+        add_box(s, glass, (const float[3]){ -1, -1, -0.3f * (float)k - 0.1f },
+                (const float[3]){ 1, 1, -0.3f * (float)k });
+    struct gbuffer *g = look(s, &r, &tele);
+    for (uint32_t k = 0; k < g->miss_first[16]; k++)
+        sent[g->misses[k].direction.z > 0.0f] += (double)g->misses[k].weight[0] / 16.0;
+    printf("passed %.4f, reflected %.4f, cut %.4f, %.0f rays\n", sent[0], sent[1], g->cut_weight / (16 * 16),
+           (double)g->camera_rays / (16 * 16));
+    assert_true(fabs(sent[0] - 0.96 / 1.76) < 0.015 && fabs(sent[1] - 0.80 / 1.76) < 0.015);
+    assert_true(fabs(sent[0] + sent[1] - 1.0) < 0.02);
+    assert_true(g->cut_weight / (16 * 16) < 5e-3 && g->camera_rays < 128 * 16 * 16);
+    gbuffer_destroy(g);
+    rays_destroy(r);
+    scene_destroy(s);
+}
+
 /* A tint counts where a ray enters and where it leaves, not where it is reflected within. */
 static void tinted_glass_dims_what_passes_its_sides(void **state)
 {
@@ -541,6 +569,7 @@ static const struct CMUnitTest tests[] = {
     cmocka_unit_test(small_points_stand_for_each_other),
     cmocka_unit_test(mirror_shows_what_it_reflects),
     cmocka_unit_test(slab_of_glass_reflects_and_passes_what_fresnel_says),
+    cmocka_unit_test(ten_panes_lose_no_light),
     cmocka_unit_test(tinted_glass_dims_what_passes_its_sides),
     cmocka_unit_test(attenuation_follows_the_way_inside),
     cmocka_unit_test(radiance_scales_by_the_index_squared),
