@@ -143,7 +143,7 @@ static void count_most(const struct direct *d, const struct gbuffer *g, const st
 #pragma omp for schedule(static)
         for (uint32_t k = 0; k < packets; k++) {
             const uint32_t i = only ? only->index[k] : k;
-            uint32_t *m = own[direct_lights(frame, i, 0) - frame->lights];
+            uint32_t *m = own[direct_lights(frame, i, false) - frame->lights];
             d->kernels->direct_counts(frame, &g->packets[i], i, count);
             for (uint32_t f = 0; f < strata; f++)
                 m[f] = count[f] > m[f] ? count[f] : m[f];
@@ -274,7 +274,7 @@ static void reset_log(struct direct_log *log)
 /* The log before shading: all samples generated, none chosen. */
 static enum err begin_log(struct direct_log *log, const struct direct_frame *f)
 {
-    const struct light_samples *lights = direct_lights(f, log->packet, 0);
+    const struct light_samples *lights = direct_lights(f, log->packet, false);
 
     log->samples = f->counts ? f->counts[log->packet] : f->samples;
     log->strata = f->light_part > 0.0f ? lights->strata : 0;
